@@ -1,6 +1,7 @@
-//! Numbers and counts as text for people.
+//! Numbers and counts as text.
 
-/// A number for people: four significant digits, no trailing zeros, an exponent where it saves much.
+/// A number as text: four significant digits, no trailing zeros, an exponent where it is much
+/// shorter.
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 {

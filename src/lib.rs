@@ -9,7 +9,7 @@
 // A build with few features leaves parts without a caller.
 #![cfg_attr(not(feature = "scene"), allow(dead_code))]
 
-// In the order in which they may import each other, not by letter: `reorder_modules` is off.
+// In the order of permitted imports, not alphabetical: `reorder_modules` is off.
 pub mod format;
 pub mod progress;
 pub mod mesh;

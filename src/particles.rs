@@ -14,7 +14,7 @@ pub struct Particles {
     pub position: Vec<Point3<f64>>,
     /// Velocities [m/s], shape `[count]`.
     pub velocity: Vec<Vector3<f64>>,
-    /// Inverse masses [1/kg], shape `[count]`; zero holds a particle where it is put.
+    /// Inverse masses [1/kg], shape `[count]`; zero fixes a particle.
     pub inverse_mass: Vec<f64>,
 }
 
@@ -38,7 +38,7 @@ impl Particles {
         self.position.len()
     }
 
-    /// Whether there is none.
+    /// True for no particles.
     pub fn is_empty(&self) -> bool {
         self.position.is_empty()
     }
@@ -55,7 +55,7 @@ impl Particles {
 
 impl State for Particles {
     fn save(&self, to: &mut Writer) {
-        // Which particles are held, and how heavy the others are, their making fixes.
+        // The constructor determines which particles are fixed, and the masses of the others.
         let Self {
             position,
             velocity,
@@ -81,7 +81,8 @@ impl State for Particles {
 #[repr(C, align(32))]
 pub struct Slot(pub [f64; 4]);
 
-/// An order of particles in memory other than that of their numbers: neighbours should lie near each other.
+/// An order of particles in memory other than that of their indices: neighbours should be near each
+/// other.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Numbering {
     /// Entry `k` is the particle at place `k`, and entry `p` the place of particle `p`; `None` where they agree.
@@ -89,10 +90,10 @@ pub struct Numbering {
 }
 
 impl Numbering {
-    /// By a permutation: entry `k` is the particle that comes to place `k`.
+    /// Creates the order of a permutation: entry `k` is the particle at place `k`.
     ///
     /// # Panics
-    /// If `particles` does not hold each number below its length once.
+    /// If `particles` does not contain each index below its length once.
     pub fn new(particles: Vec<u32>) -> Self {
         let mut places = vec![u32::MAX; particles.len()];
         for (place, &p) in particles.iter().enumerate() {
@@ -110,18 +111,18 @@ impl Numbering {
     }
 }
 
-/// From so many particles on a pass over them is done by several threads.
+/// Number of particles from which several threads share a pass.
 const SEVERAL: usize = 16_384;
 
-/// Particles that a thread takes at least in such a pass; a multiple of all numbers of lanes.
+/// Least number of particles per thread in such a pass; a multiple of all SIMD widths.
 pub(crate) const SHARE: usize = 4_096;
 
-/// Whether a pass over so many particles is done by several threads.
+/// True if several threads share a pass over this number of particles.
 pub(crate) fn is_shared(count: usize) -> bool {
     count >= SEVERAL && rayon::current_num_threads() > 1
 }
 
-/// A copy of positions and inverse masses in the layout that sweeps over constraints are fast with.
+/// A copy of positions and inverse masses in the layout of the constraint sweeps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Packed {
     /// Shape `[count]`, by place.
@@ -130,7 +131,7 @@ pub struct Packed {
 }
 
 impl Packed {
-    /// A copy to be, in the order of `numbering`.
+    /// An empty copy in the order of `numbering`.
     pub fn new(numbering: Numbering) -> Self {
         Self {
             slots: Vec::new(),
@@ -169,7 +170,7 @@ impl Packed {
         }
     }
 
-    /// Copies the positions back to `particles`, which must be as many.
+    /// Copies the positions back to `particles`, which must have the same number.
     pub fn write(&self, particles: &mut Particles) {
         let point = |k: usize| {
             let Slot([x, y, z, _]) = self.slots[k];

@@ -1,4 +1,4 @@
-//! Seeded random numbers, the same on every machine (SplitMix64): for draws of the library and of its tests.
+//! Seeded random bits, equal on every machine (SplitMix64), for the library and its tests.
 
 use nalgebra::{Quaternion, UnitQuaternion};
 

@@ -1,50 +1,54 @@
-//! State as bytes: what a later step depends on, written and read bit by bit.
+//! State as bytes: the data of later steps, written and read bit by bit.
 //!
-//! Numbers are little-endian, those of 64 bits by their bits; a list is its length as 64 bits and its entries. A reader
-//! takes any bytes: it refuses what does not fit, and reserves no memory for what the bytes cannot hold.
+//! Numbers are little-endian, floating-point numbers by their bits; a list is its length as 64
+//! bits, then its entries. A reader accepts any bytes: it rejects those that do not fit, and
+//! reserves no memory beyond their number.
 
 use nalgebra::{Point3, Vector3};
 
-/// Bytes that are no state of what they are read into.
+/// Error of bytes that are no valid state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("byte {at} of the state: {what}")]
 pub struct Corrupt {
-    /// Where the reader was, from the begin of the state.
+    /// Read position from the beginning of the state.
     pub at: usize,
-    /// What is wrong there.
+    /// Description of the error.
     pub what: &'static str,
 }
 
-/// Something that changes from step to step. What its making fixes, and what every step computes afresh, is not kept.
+/// An object whose state changes from step to step. Data from the constructor, or computed anew in
+/// every step, are not saved.
 ///
-/// Implementations take themselves apart without `..`, so that a field added later must be kept or named as not kept.
+/// Implementations destructure themselves without `..`, so that a later field must be saved or
+/// named as not saved.
 pub trait State {
     /// Appends the state.
     fn save(&self, to: &mut Writer);
-    /// Takes the state from where [`Self::save`] put it; `self` was made from the same things as what was saved.
+    /// Restores the state that [`Self::save`] wrote; `self` must come from the same inputs as the
+    /// saved object.
     ///
     /// # Errors
-    /// The bytes are no such state; `self` is then of no use any more.
+    /// The bytes are no such state; `self` must not be used afterwards.
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt>;
 }
 
-/// A value that can be made from its bytes alone.
+/// A value that its bytes determine completely.
 pub trait Value: Sized {
-    /// Bytes that it takes at least; not zero.
+    /// Least number of bytes; not zero.
     const LEAST: usize;
     /// Appends its bytes.
     fn put(&self, to: &mut Writer);
-    /// Takes it.
+    /// Reads the value.
     ///
     /// # Errors
     /// The bytes end, or are no such value.
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt>;
 }
 
-/// Bytes to which state is appended.
+/// Appends state to bytes.
 #[derive(Clone, Debug, Default)]
 pub struct Writer {
-    /// All so far.
+    /// All bytes so far.
     pub bytes: Vec<u8>,
 }
 
@@ -61,7 +65,7 @@ impl Writer {
     }
 }
 
-/// Bytes from which state is taken, from the front.
+/// Reads state from the front of bytes.
 #[derive(Clone, Debug)]
 pub struct Reader<'a> {
     rest: &'a [u8],
@@ -69,20 +73,20 @@ pub struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads `bytes` from their begin.
+    /// Reads `bytes` from the beginning.
     pub fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes, at: 0 }
     }
 
-    /// An error at this place.
+    /// An error at this position.
     pub fn corrupt(&self, what: &'static str) -> Corrupt {
         Corrupt { at: self.at, what }
     }
 
-    /// `Ok` where something holds, else an error at this place.
+    /// `Ok` if a condition holds, otherwise an error at this position.
     ///
     /// # Errors
-    /// It does not hold.
+    /// The condition does not hold.
     pub fn check(&self, holds: bool, what: &'static str) -> Result<(), Corrupt> {
         if holds {
             Ok(())
@@ -94,7 +98,7 @@ impl<'a> Reader<'a> {
     /// The next `count` bytes.
     ///
     /// # Errors
-    /// There are fewer.
+    /// Fewer bytes remain.
     pub fn slice(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
         let (head, rest) = self
             .rest
@@ -114,22 +118,23 @@ impl<'a> Reader<'a> {
     /// The next value.
     ///
     /// # Errors
-    /// There is none.
+    /// The bytes end, or are no such value.
     pub fn take<T: Value>(&mut self) -> Result<T, Corrupt> {
         T::take(self)
     }
 
-    /// The length of a list of values of at least `least` bytes each, of which all can be there.
+    /// The length of a list of values of at least `least` bytes each, limited by the remaining
+    /// bytes.
     fn length(&mut self, least: usize) -> Result<usize, Corrupt> {
         let count = self.take::<usize>()?;
         self.check(count <= self.rest.len() / least, "more entries than bytes")?;
         Ok(count)
     }
 
-    /// A list of known length into what has it.
+    /// Reads a list of known length into a slice.
     ///
     /// # Errors
-    /// Another length, or no such values.
+    /// Another length, or invalid values.
     pub fn fill<T: Value>(&mut self, values: &mut [T]) -> Result<(), Corrupt> {
         let count = self.length(T::LEAST)?;
         self.check(count == values.len(), "a list of another length")?;
@@ -142,17 +147,17 @@ impl<'a> Reader<'a> {
     /// A list of `count` values.
     ///
     /// # Errors
-    /// Another length, or no such values.
+    /// Another length, or invalid values.
     pub fn exactly<T: Value>(&mut self, count: usize) -> Result<Vec<T>, Corrupt> {
         let values = self.take::<Vec<T>>()?;
         self.check(values.len() == count, "a list of another length")?;
         Ok(values)
     }
 
-    /// Nothing may be left.
+    /// Checks that nothing remains.
     ///
     /// # Errors
-    /// Something is.
+    /// Some bytes remain.
     pub fn end(self) -> Result<(), Corrupt> {
         self.check(self.rest.is_empty(), "bytes behind the end")
     }
@@ -206,7 +211,7 @@ impl<T: Value, const N: usize> Value for [T; N] {
     }
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let values: Vec<T> = (0..N).map(|_| T::take(from)).collect::<Result<_, _>>()?;
-        // As many were taken as are wanted.
+        // Exactly `N` values were read.
         values
             .try_into()
             .map_err(|_| from.corrupt("the bytes end here"))
@@ -291,7 +296,8 @@ impl Value for String {
     }
 }
 
-/// FNV-1a with 128 bits, over bytes or over text as it is formatted: any single changed byte changes it.
+/// FNV-1a with 128 bits, over bytes or over formatted text: any single changed byte changes the
+/// hash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Hash(u128);
 
@@ -309,7 +315,7 @@ impl Hash {
         hash.value()
     }
 
-    /// Goes on with bytes.
+    /// Adds bytes.
     pub fn add(&mut self, bytes: &[u8]) {
         // The prime is 2^88 + 0x13b.
         bytes

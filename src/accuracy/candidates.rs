@@ -1,4 +1,4 @@
-//! Which solvers and settings are tried.
+//! Solvers and settings of a study.
 
 use serde_json::{Map, Value, json};
 
@@ -13,20 +13,19 @@ use crate::scene::{Order, Scene, Solver};
 pub struct Candidate {
     /// Solver and settings.
     pub solver: Solver,
-    /// Constraints computed at once, at most.
+    /// SIMD width: greatest number of constraints computed at once.
     pub width: Width,
-    /// Threads.
+    /// Number of threads.
     pub threads: usize,
-    /// How contact is looked for: the name of one of [`METHODS`]; `None` for the crate's own hierarchy, which is what runs
-    /// have.
+    /// Method of contact search: the name of one of [`WAYS`]; `None` for the default hierarchy.
     pub way: Option<&'static str>,
 }
 
-/// Name of the crate's own way to look for contact.
+/// Name of the default method of contact search.
 pub const HIERARCHY: &str = "hierarchy";
 
 impl Candidate {
-    /// With as many lanes as there are, on `threads` threads.
+    /// A candidate with the best SIMD width, on `threads` threads.
     pub fn new(solver: Solver, threads: usize) -> Self {
         Self {
             solver,
@@ -36,12 +35,12 @@ impl Candidate {
         }
     }
 
-    /// The solver's name as scenes give it.
+    /// Name of the solver in scenes.
     pub fn name(&self) -> &'static str {
         self.solver.spec().key
     }
 
-    /// Its settings, as scenes name them, with lanes and threads.
+    /// Settings as named in scenes, with lanes and threads.
     pub fn settings(&self) -> Map<String, Value> {
         let mut all = Map::new();
         let mut note = |key: &str, value: Value| all.insert(key.to_owned(), value);
@@ -57,7 +56,7 @@ impl Candidate {
         all
     }
 
-    /// The settings in a line: "substeps 8, sweeps 1, coloured".
+    /// The settings as text: "substeps 8, sweeps 1, coloured".
     pub fn in_words(&self) -> String {
         let steps = self.solver.substeps();
         match self.solver.minimisation() {
@@ -80,17 +79,17 @@ impl Candidate {
         }
     }
 
-    /// The kind of way in which contact is looked for, where it is not the crate's own.
+    /// The method of contact search if it is not the default.
     pub fn kind_of_way(&self) -> Option<&'static Method> {
         METHODS.iter().find(|kind| Some(kind.name) == self.way)
     }
 
-    /// Sweeps or, where an energy is minimised, steps of a frame: what its time goes with.
+    /// Number of sweeps or, for minimisation, of steps per frame: the time is proportional to it.
     pub fn work(&self) -> f64 {
         match self.solver.minimisation() {
             None => f64::from(self.solver.substeps()) * f64::from(self.solver.iterations()),
             Some(s) => {
-                // Tighter tolerances take more iterations.
+                // Smaller tolerances need more iterations.
                 f64::from(s.substeps)
                     * (1.0 - libm::log10(s.tolerance.min(0.1)))
                     * f64::from(s.iterations.min(20))
@@ -100,7 +99,7 @@ impl Candidate {
     }
 }
 
-/// The same sweeps in the other orders; none where nothing is swept.
+/// The same sweeps in the other orders; empty for a solver without sweeps.
 pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
     let mut others = Vec::new();
     for (_, order) in Order::NAMES {
@@ -116,7 +115,7 @@ pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
     others
 }
 
-/// All that is tried for a scene on `threads` threads, the cheap ones of each solver first.
+/// All candidates for a scene on `threads` threads, the cheap ones of each solver first.
 pub fn all(scene: &Scene, threads: usize) -> Vec<Candidate> {
     let mut all: Vec<Candidate> = Vec::new();
     for solver in solvers::candidates(&scene.solver) {

@@ -1,33 +1,34 @@
-//! The cheapest of what was measured.
+//! Selection of the cheapest measured settings.
 
 use super::study::{Row, Status};
 
-/// Accuracies that a setting is recommended for, as shares of the muscles' length.
+/// Target accuracies of the recommendations, relative to the muscles' length.
 pub const TARGETS: [f64; 3] = [0.1, 0.01, 0.001];
 
 /// The fastest row that reaches a target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recommended {
-    /// The target as a share of the length.
+    /// The target relative to the length.
     pub target: f64,
-    /// Index of the row; `None` where none reached it.
+    /// Index of the row; `None` if none reached the target.
     pub row: Option<usize>,
 }
 
-/// Whether a row reaches an error [m], what its solver leaves out included. An error below the reference's own
-/// uncertainty shows nothing: none is granted that is less than that.
+/// True if a row reaches an error [m], including the model error of its solver. An error below the
+/// reference's uncertainty counts as that uncertainty.
 pub fn reaches(row: &Row, error: f64) -> bool {
     row.status != Status::Diverged
         && row.uncertainty_m <= error
         && row.error.rms + row.model_error_m <= error
 }
 
-/// Whether a scene can be run with these settings: another way to look for contact is there to be compared with.
+/// True if a scene can use these settings: other methods of contact search exist for comparison
+/// only.
 fn can_be_run(row: &Row) -> bool {
     row.candidate.way.is_none()
 }
 
-/// For each target the fastest row that reaches it; `length` [m] is what shares are of.
+/// The fastest row that reaches each target; `length` [m] is the scale of the targets.
 pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
     let best = |target: f64| {
         let error = target * length;
@@ -44,7 +45,7 @@ pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
     TARGETS.iter().map(|target| best(*target)).collect()
 }
 
-/// The rows that no other beats in both time and error, by rising time.
+/// The rows that no other row beats in both time and error, by increasing time.
 pub fn pareto(rows: &[Row]) -> Vec<usize> {
     let total = |i: usize| rows[i].error.rms + rows[i].model_error_m;
     let mut order: Vec<usize> = (0..rows.len())

@@ -1,20 +1,20 @@
-//! How far two motions of the same bodies are apart.
+//! Distance between two motions of the same bodies.
 
 use nalgebra::Point3;
 
 /// Distance of one motion from another, over all frames and bodies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distance {
-    /// Root mean square over the vertices of a frame, of the worst frame [m].
+    /// Root mean square over the vertices of a frame, in the worst frame [m].
     pub rms: f64,
-    /// Greatest of any vertex in any frame [m].
+    /// Greatest distance of any vertex in any frame [m].
     pub max: f64,
-    /// The frame (from 1) of the greatest root mean square.
+    /// The frame (from 1) with the greatest root mean square.
     pub frame: usize,
 }
 
-/// Raises `to` to `value` where that is greater or no number, and says whether. Not `f64::max`, which would hide a NaN:
-/// once there, it stays.
+/// Raises `to` to `value` if that is greater or NaN, and returns true in that case. Not `f64::max`,
+/// which would hide a NaN: a NaN stays.
 pub(super) fn rise(to: &mut f64, value: f64) -> bool {
     let rises = !to.is_nan() && !(value <= *to);
     if rises {
@@ -24,7 +24,8 @@ pub(super) fn rise(to: &mut f64, value: f64) -> bool {
 }
 
 impl Distance {
-    /// Between two motions, `[frame][vertex]`, over the frames that both have; NaN where a position is no number.
+    /// Distance between two motions, `[frame][vertex]`, over their common frames; NaN if a position
+    /// is NaN.
     pub fn between(a: &[Vec<Point3<f64>>], b: &[Vec<Point3<f64>>]) -> Self {
         let mut all = Self::default();
         for (k, (a, b)) in a.iter().zip(b).enumerate() {

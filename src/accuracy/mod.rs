@@ -1,10 +1,10 @@
-//! What accuracy costs: a reference for a scene, runs of many solvers and settings against it, and the cheapest of them
-//! that reaches a given accuracy.
+//! The cost of accuracy: a reference for a scene, runs of many solvers and settings against it, and
+//! the cheapest that reach a given accuracy.
 //!
-//! Two errors are kept apart. The **solver error** is the distance to the solution of the same discrete energy and the
-//! same question: of the motion for solvers that step in time, of the equilibrium for those that do not. The **model
-//! error** of a solver that answers the other question is the distance between both references. Against finer meshes
-//! or other materials nothing is measured here.
+//! Two errors are separate. The **solver error** is the distance to the solution of the same
+//! discrete energy and the same problem: the motion for solvers with time steps, the equilibrium
+//! for the others. The **model error** of a solver of the other problem is the distance between
+//! both references. Errors from the mesh or the material are not measured here.
 
 pub mod candidates;
 pub mod choice;

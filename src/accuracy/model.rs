@@ -1,10 +1,10 @@
-//! A cost model: the time and the error that settings are expected to have in a scene, fitted on sweeps over other scenes
-//! and corrected by what was measured in this one.
+//! A cost model: expected time and error of settings in a scene, fitted to sweeps over other scenes
+//! and corrected by measurements in this one.
 //!
-//! Within a family of settings the logarithms of time and error are taken to be linear in those of the steps a frame and
-//! of the setting that is varied. Part of a time does not go with the steps: they are counted from a number of their own
-//! that is fitted as well. Scenes and machines differ by factors, which drop out of the fit and are what a first run of
-//! the family tells.
+//! Within a family of settings, the logarithms of time and error are linear in those of the steps
+//! per frame and of the varied setting. A part of the time is independent of the steps: a fitted
+//! number of extra steps represents it. Scenes and machines differ by factors, which cancel in the
+//! fit; a first run of the family gives them.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -14,7 +14,8 @@ use crate::constraints::Order;
 use crate::scene::solvers::{ENOUGH_ITERATIONS, SOLVERS};
 use crate::scene::{Question, SolverSpec};
 
-/// The sweeps that the shipped model is fitted on, as `pliant accuracy` writes them; `docs/accuracy.md` says which.
+/// The sweeps of the shipped model's fit, as written by `pliant accuracy`; `docs/accuracy.md` lists
+/// them.
 const SWEEPS: &str = include_str!("sweeps.csv");
 
 /// Settings whose times and errors follow one law: those of one solver, equilibria with few iterations apart.
@@ -67,49 +68,49 @@ impl Family {
     }
 }
 
-/// Steps a frame, and the setting that is varied.
+/// Steps per frame, and the varied setting.
 type Features = [f64; 2];
 
-/// Steps that what does not go with the steps may be worth.
+/// Candidate numbers of extra steps.
 const EXTRA: [f64; 8] = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 
-/// A run, in what the model knows of it.
+/// A run as known to the model.
 #[derive(Clone, Debug, PartialEq)]
 struct Known {
     scene: String,
     family: Family,
     features: Features,
-    /// Logarithm of the time a frame and vertex [s].
+    /// Logarithm of the time per frame and vertex [s].
     time: f64,
-    /// Logarithm of the error over what the vertices move; not finite where that is not known.
+    /// Logarithm of the error relative to the motion of the vertices; not finite if unknown.
     error: f64,
 }
 
-/// A straight line over the logarithms of the features.
+/// A linear function of the logarithms of the features.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Line {
     at_zero: f64,
     slopes: [f64; 2],
-    /// Steps that what does not go with the steps is worth.
+    /// Number of extra steps.
     extra: f64,
-    /// Root mean square of what scenes differ by.
+    /// Root mean square of the differences between scenes.
     spread: f64,
 }
 
-/// What is expected of a run.
+/// Expected result of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
     /// Time of all compared frames [s].
     pub time_s: f64,
     /// RMS error of the worst frame [m].
     pub error_m: f64,
-    /// The factor by which that may well be wrong.
+    /// Plausible factor of the error.
     pub doubt: f64,
-    /// Whether an error that was measured in this scene has corrected it.
+    /// True if a measured error in this scene has corrected the expectation.
     pub is_corrected: bool,
 }
 
-/// The model, for one scene.
+/// The model for one scene.
 #[derive(Clone, Debug)]
 pub struct Model {
     lines: Vec<(Family, Line, Line)>,
@@ -149,14 +150,14 @@ impl Model {
         }
     }
 
-    /// Time and error to expect; `None` for settings that belong to no family.
+    /// Expected time and error; `None` for settings without a family.
     pub fn expect(&self, candidate: &Candidate) -> Option<Expected> {
         let (family, features) = family(candidate)?;
         let (_, time, error) = self.lines.iter().find(|(f, ..)| *f == family)?;
         let own = self.learned.iter().filter(|k| k.family == family);
         let nearest = own
             .min_by(|a, b| apart(&a.features, &features).total_cmp(&apart(&b.features, &features)));
-        // A machine is faster or slower in all families alike, as far as is known.
+        // The speed of a machine is assumed to be the same factor in all families.
         let speed = nearest
             .map(|k| k.time - time.at(&k.features))
             .unwrap_or_else(|| self.speed());
@@ -173,7 +174,7 @@ impl Model {
         })
     }
 
-    /// Takes a measured run into account.
+    /// Adds a measured run.
     pub fn learn(&mut self, row: &Row) {
         let Some((family, features)) = family(&row.candidate) else {
             return;
@@ -204,8 +205,8 @@ impl Model {
     }
 }
 
-/// Logarithm of the factor by which an error may be off that a neighbour's was corrected by, and how many times as far it
-/// may be off for settings that are far from any that was measured.
+/// Logarithm of the plausible factor of an error corrected by a near measurement, and its multiple
+/// for settings far from any measurement.
 const NEAR: f64 = 0.25;
 const FURTHEST: f64 = 4.0;
 
@@ -233,7 +234,7 @@ fn error(known: &Known) -> f64 {
     known.error
 }
 
-/// The line of a family with the best of the given extra steps.
+/// The best line of a family for the given numbers of extra steps.
 fn line_of(known: &[Known], family: Family, extra: &[f64], of: fn(&Known) -> f64) -> Line {
     let these: Vec<&Known> = known
         .iter()
@@ -251,7 +252,8 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
     sum / f64::from(count.max(1))
 }
 
-/// Least squares with a constant of its own for each scene, of which `at_zero` is the mean; and the sum of squares left.
+/// Least squares with a separate constant for each scene, whose mean is `at_zero`. Returns also the
+/// residual sum of squares.
 fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
     let mut scenes: Vec<&str> = known.iter().map(|k| k.scene.as_str()).collect();
     scenes.sort_unstable();
@@ -279,7 +281,7 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
     if centres.is_empty() {
         return (Line::default(), 0.0);
     }
-    // A feature that never varies has no slope: the least one.
+    // A feature that never varies gets the slope of least norm.
     let (matrix, wanted) = (
         DMatrix::from_row_slice(wanted.len(), 2, &rows),
         DVector::from_vec(wanted),
@@ -303,7 +305,8 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
     )
 }
 
-/// The runs of a table as `pliant accuracy` writes it, but those that diverged, or vary lanes, orders or ways.
+/// The runs of a table of `pliant accuracy`, without those that diverged or vary lanes, orders or
+/// methods of contact search.
 fn read(csv: &str) -> Vec<Known> {
     let mut lines = csv.lines();
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
@@ -327,7 +330,7 @@ fn read(csv: &str) -> Vec<Known> {
         }
         let time = libm::log(value("time_s")? / (value("vertices")? * value("frames")?));
         let error = libm::log(value("rms_error_m")? / value("moved_m")?);
-        // Below the reference's uncertainty an error says nothing.
+        // An error below the reference's uncertainty is meaningless.
         let error = if text("certain")? == "true" {
             error
         } else {
@@ -354,7 +357,7 @@ mod tests {
         is_limited: false,
     };
 
-    /// Times with eight steps' worth of what does not go with them.
+    /// Times with eight extra steps.
     fn known(scene: &str, features: Features, factor: f64) -> Known {
         let ([steps, setting], more) = (logarithms(&features, 0.0), libm::log(features[0] + 8.0));
         let time = 0.9 * more + 0.4 * setting + factor;
@@ -386,7 +389,7 @@ mod tests {
             "{line:?}"
         );
         assert_eq!(line.extra, 8.0);
-        // Controls: without extra steps, or with one number in disorder, the slope is another.
+        // Controls: without extra steps, or with one perturbed number, the slope differs.
         assert!((line_of(&all, SWEEPS_OF_XPBD, &[0.0], time).slopes[0] - 0.9).abs() > 0.01);
         all[5].time += 1.0;
         assert!((line_of(&all, SWEEPS_OF_XPBD, &[8.0], time).slopes[0] - 0.9).abs() > 0.01);

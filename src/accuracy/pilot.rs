@@ -1,9 +1,11 @@
-//! Solver and settings for an accuracy that the user names, from a study of the scene's first frames.
+//! Selection of solver and settings for a requested accuracy, from a study of the scene's first
+//! frames.
 //!
-//! The cost model says which settings to measure first and which not at all. The first frames of a motion are seldom its
-//! worst. Two cheap settings run over the whole scene: by how much their
-//! distance grows after the first frames, every measured error is taken to grow. (The residual was tried for this: it
-//! grows with the load, in the built-in hip twice as much as that distance.)
+//! The cost model decides which settings are measured, and in which order. The first frames of a
+//! motion are seldom the worst. Two cheap settings therefore run over the whole scene: every
+//! measured error is assumed to grow after the first frames as their distance does. (The residual
+//! was tested for this purpose: it grows with the load, in the built-in hip twice as much as that
+//! distance.)
 
 use std::time::Duration;
 
@@ -16,38 +18,40 @@ use super::trajectory::Trajectory;
 use crate::scene::{Accuracy, Scene};
 use crate::simulation::Assets;
 
-/// What was chosen, and why.
+/// The chosen settings with the reason.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chosen {
-    /// The error asked for, RMS [m].
+    /// Requested RMS error [m].
     pub target_m: f64,
     /// The solver and settings.
     pub candidate: Candidate,
-    /// Error expected in the worst frame, with what the solver leaves out and what the reference may be off [m].
+    /// Expected error in the worst frame, including the model error and the uncertainty of the
+    /// reference [m].
     pub expected_m: f64,
-    /// By how much errors grow after the frames of the study.
+    /// Growth factor of errors after the frames of the study.
     pub growth: f64,
-    /// Frames of the study.
+    /// Number of frames of the study.
     pub frames: usize,
-    /// In words.
+    /// Description.
     pub why: String,
 }
 
 impl Chosen {
-    /// Whether what is expected keeps what was asked for.
+    /// True if the expected error is within the requested one.
     pub fn is_kept(&self) -> bool {
         self.expected_m <= self.target_m
     }
 }
 
-/// An error is clearly less than another at this share of it.
+/// Ratio of two errors below which the first is clearly smaller.
 const CLEARLY: f64 = 0.7;
 
-/// Two settings that differ by less than this share of the length differ by rounding.
+/// Two settings that differ by less than this, relative to the length, differ by rounding.
 const NOTHING: f64 = 1e-9;
 
-/// By how much the distance between two cheap settings grows over the whole scene, at least 1: the fastest that keeps
-/// `target_m` [m] in the first frames, and the fastest that is clearly more accurate.
+/// Growth factor of the distance between two cheap settings over the whole scene, at least 1. The
+/// settings are the fastest within `target_m` [m] in the first frames, and the fastest that is
+/// clearly more accurate.
 fn growth(
     scene: &Scene,
     assets: &Assets,
@@ -101,11 +105,11 @@ fn growth(
     Ok(if ratio <= 1.0 { 1.0 } else { ratio })
 }
 
-/// Measures the first frames of `scene` within `budget` and chooses the fastest setting that keeps `accuracy`, or the
-/// most accurate where none does.
+/// Measures the first frames of `scene` within `budget` and chooses the fastest settings within
+/// `accuracy`, or the most accurate if none is.
 ///
 /// # Errors
-/// As [`super::measure`]; or every setting diverged.
+/// Those of [`super::measure`], or divergence of all settings.
 pub fn choose(
     scene: &Scene,
     assets: &Assets,
@@ -127,7 +131,7 @@ pub fn choose(
     let mut model = Model::shipped(&study);
     let target_m = accuracy.length(study.length);
     search(&mut measuring, &mut study, &mut model, target_m, watch);
-    // One that is clearly more accurate, for the growth.
+    // Clearly more accurate settings, for the growth.
     let rough = study
         .rows
         .iter()
@@ -216,7 +220,8 @@ pub fn choose(
     })
 }
 
-/// The fastest setting that the model expects to keep `target_m` [m] by a margin, of families of which one was measured.
+/// The fastest settings that the model expects within `target_m` [m] by a margin, from families
+/// with a measurement.
 fn foreseen(
     scene: &Scene,
     study: &Study,

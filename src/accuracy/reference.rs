@@ -1,4 +1,4 @@
-//! The reference of a scene: steps and tolerances refined until the solution stands still.
+//! The reference of a scene: steps and tolerances are refined until the solution converges.
 
 use nalgebra::Point3;
 
@@ -9,19 +9,19 @@ use crate::constraints::Order;
 use crate::scene::{Scene, Solver, Xpbd};
 use crate::simulation::{Assets, LoadError};
 
-/// A solution that others are compared with.
+/// A solution for comparisons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
-    /// What it answers.
+    /// The problem that it solves.
     pub question: Question,
-    /// Its finest solver.
+    /// The finest solver.
     pub candidate: Candidate,
-    /// The run.
+    /// The run of the finest solver.
     pub run: Trajectory,
-    /// What the finest level may be off: the distance between the two finest, times what the ratio of the last two
-    /// distances says is still to come.
+    /// Uncertainty of the finest level: the distance between the two finest levels, times the
+    /// extrapolation factor from the last two distances.
     pub uncertainty: Distance,
-    /// Distance of each level from the one before it, as a root mean square [m].
+    /// Distance of each level from the previous one, as a root mean square [m].
     pub steps: Vec<f64>,
 }
 
@@ -32,8 +32,9 @@ impl Reference {
     }
 }
 
-/// The levels of refinement: each has half the step and a quarter of the tolerance; of an equilibrium a sixteenth of the
-/// tolerance, and every second one half the path between poses, which matters only where bones are slid over.
+/// The levels of refinement: each has half the step and a quarter of the tolerance. For an
+/// equilibrium each has a sixteenth of the tolerance, and every second level half the path between
+/// poses, which only matters where muscles slide over bones.
 fn level(scene: &Scene, question: Question, k: u32) -> Solver {
     let tolerance = |ratio: f64| 1e-4 * libm::pow(ratio, f64::from(k));
     match question {
@@ -48,8 +49,8 @@ fn level(scene: &Scene, question: Question, k: u32) -> Solver {
     }
 }
 
-/// The sum of all further steps, in units of the last one, if they fall as the last two did: a geometric series. At
-/// least one, as of first order; without bound where they do not fall.
+/// The sum of all further differences in units of the last one, if they decrease geometrically. At
+/// least one, as for first order; infinite if they do not decrease.
 fn to_come(steps: &[f64]) -> f64 {
     match steps {
         [.., before, last] if last < before => (last / (before - last)).max(1.0),
@@ -58,17 +59,17 @@ fn to_come(steps: &[f64]) -> f64 {
     }
 }
 
-/// Friction is no energy: only steps with it can be refined.
+/// Friction has no energy: only solvers with time steps can refine it.
 fn has_friction(scene: &Scene) -> bool {
     scene.effects.contact.is_some_and(|c| c.friction > 0.0)
 }
 
-/// Refines until levels differ by no more than `wanted` [m] or `allows` says that there is no time for another
-/// one; at least two levels. `watch` hears of every frame with its level and time [s],
-/// and says whether to go on.
+/// Refines until levels differ by at most `wanted` [m] or `allows` returns false; at least two
+/// levels. `watch` receives every frame with its level and time [s], and stops the refinement by
+/// returning false.
 ///
 /// # Errors
-/// The scene cannot be run by the reference's solver.
+/// The solver of the reference cannot run the scene.
 pub fn refine(
     scene: &Scene,
     assets: &Assets,
@@ -87,7 +88,8 @@ pub fn refine(
         let run = Trajectory::of(scene, assets, &candidate, frames, &mut |_, s| {
             watch(&candidate, k, s)
         })?;
-        // The first two levels, if time ran out in them, are compared as far as they went; a later one is not needed.
+        // The first two levels are compared over their common frames if the time ran out; a later
+        // incomplete level is discarded.
         let partial = run.cut_short && !run.stopped && run.frames.len() >= 2 && k < 2;
         if (run.cut_short || run.stopped) && !partial {
             break;

@@ -1,25 +1,26 @@
-//! The cheapest setting for one target, by the cost model: best first, each run correcting what is expected of the others.
+//! Search for the cheapest settings within one target, by the cost model: best first; each run
+//! corrects the expectations of the others.
 
 use super::candidates::{self, Candidate};
 use super::model::{Expected, Model};
 use super::study::{Measuring, Row, Status, Study, Watch};
 
-/// A setting is worth a run if it is expected to take at most this share of the time of the best so far.
+/// A run is worthwhile if its expected time is at most this share of the best time so far.
 const WORTH: f64 = 0.97;
 
-/// Where nothing else is left, an expected time may be this many times too long.
+/// If nothing else remains, an expected time may be too long by this factor.
 const DOUBT_OF_TIME: f64 = 1.6;
 
-/// Two settings whose times are nearer than this are run again before one is called the faster.
+/// Settings with a smaller ratio of their times are run again before the choice of the faster.
 const CLOSE: f64 = 1.2;
 
-/// Error with what the solver leaves out and what the reference may be off [m].
+/// Error including the model error and the uncertainty of the reference [m].
 pub(super) fn total(row: &Row) -> f64 {
     row.error.rms + row.model_error_m + row.uncertainty_m
 }
 
-/// Measures settings until none is left that could keep `target_m` [m] in less time than the fastest that does, or the
-/// time is up. Rows of an earlier search stay and count.
+/// Measures settings until none remains that could be within `target_m` [m] in less time than the
+/// fastest, or the time is up. Rows of an earlier search stay and count.
 pub(super) fn search(
     measuring: &mut Measuring<'_>,
     study: &mut Study,
@@ -37,7 +38,7 @@ pub(super) fn search(
         tried.push(next);
         watch.part(&format!("{}: {}", next.name(), next.in_words()));
         let mut row = measuring.row(next, study, watch);
-        // The first run of all also waits for what is touched for the first time.
+        // The very first run includes the cost of first memory accesses.
         if let Some(first) = row
             .as_ref()
             .filter(|row| study.rows.is_empty() && row.time_s <= measuring.left_s())
@@ -54,8 +55,8 @@ pub(super) fn search(
     settle(measuring, study, target_m, watch);
 }
 
-/// What a solver leaves out and what its reference may be off [m]: no setting of it errs less. `None` where there is no
-/// reference for it.
+/// Model error of a solver plus the uncertainty of its reference [m], a lower bound of its total
+/// error. `None` without a reference.
 pub(super) fn floor(candidate: &Candidate, study: &Study) -> Option<f64> {
     let question = candidates::Question::of(&candidate.solver)?;
     if question == study.question {
@@ -87,7 +88,7 @@ fn next(
         };
         open.iter().filter(hopeful).collect::<Vec<_>>()
     };
-    // The likely ones first, then those that may surprise.
+    // The likely ones first, then possible surprises.
     let likely = |(_, e, floor): &&(Candidate, Expected, f64)| floor + e.error_m <= target_m;
     let fastest = |of: Vec<&(Candidate, Expected, f64)>| {
         of.into_iter()
@@ -101,19 +102,19 @@ fn next(
     if found.is_some() || best.is_finite() {
         return found;
     }
-    // Nothing keeps it and nothing is expected to: what comes nearest.
+    // None is within the target, and none is expected to be: the nearest one.
     let able = open.iter().filter(|(_, e, _)| e.time_s <= left_s);
     let least = able.min_by(|a, b| (a.2 + a.1.error_m).total_cmp(&(b.2 + b.1.error_m)))?;
     let reached = study.rows.iter().map(total).fold(f64::INFINITY, f64::min);
     (least.2 + least.1.error_m < reached).then_some(least.0)
 }
 
-/// Whether a run keeps the target.
+/// True if a run is within the target.
 fn keeps(row: &Row, target_m: f64) -> bool {
     row.status != Status::Diverged && total(row) <= target_m
 }
 
-/// Runs those again that are about as fast as the fastest: a time is the least of both.
+/// Repeats the runs that are about as fast as the fastest: the time is the least of both.
 fn settle(measuring: &mut Measuring<'_>, study: &mut Study, target_m: f64, watch: &mut impl Watch) {
     let best = study
         .rows

@@ -1,7 +1,8 @@
-//! What accuracy costs for skin over implants or over a ball: edge lengths and methods against the finest mesh that there is time for.
+//! The cost of accuracy for skin over implants or over a ball: edge lengths and methods against the
+//! finest affordable mesh.
 //!
-//! The error is that of the area gained in the last frame. Areas themselves are not compared, because the region ends with
-//! whole triangles and so has another area before on every mesh.
+//! The error is that of the area gained in the last frame. Areas themselves are not compared,
+//! because the region consists of whole triangles and so has another initial area on every mesh.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -13,7 +14,7 @@ use crate::simulation::Stepped;
 use crate::simulation::skin::SkinRun;
 use crate::skin::settle::Method;
 
-/// Edge lengths measured, in the scene's own, from coarse to fine.
+/// Measured edge lengths, relative to that of the scene, from coarse to fine.
 const EDGES: [f64; 7] = [
     2.0 * std::f64::consts::SQRT_2,
     2.0,
@@ -24,13 +25,13 @@ const EDGES: [f64; 7] = [
     0.5 * std::f64::consts::FRAC_1_SQRT_2,
 ];
 
-/// A mesh with edges shorter by a factor of the square root of two is expected to take so many times as long.
+/// Expected factor of the time for edges shorter by the square root of two.
 const SLOWER: f64 = 3.0;
 
-/// Share of the budget for Newton's method, which the reference is found by.
+/// Share of the budget for Newton's method, which gives the reference.
 const FOR_REFERENCE: f64 = 0.75;
 
-/// Errors that are recommended for, as shares of the gain.
+/// Target errors of the recommendations, relative to the gain.
 const TARGETS: [f64; 3] = [0.1, 0.01, 0.001];
 
 /// One insertion.
@@ -38,71 +39,73 @@ const TARGETS: [f64; 3] = [0.1, 0.01, 0.001];
 pub struct SkinRow {
     /// Median edge of the region [m].
     pub edge: f64,
-    /// How equilibrium was sought.
+    /// Method of the equilibrium.
     pub method: Method,
-    /// Vertices of both layers of all regions.
+    /// Number of vertices of both layers of all regions.
     pub vertices: usize,
-    /// Their springs.
+    /// Number of springs.
     pub springs: usize,
-    /// Whether everything came to rest.
+    /// True if all parts reached their equilibrium.
     pub converged: bool,
     /// Area gained in the last frame [m^2].
     pub gain: f64,
-    /// Area deformed [m^2].
+    /// Deformed area [m^2].
     pub deformed: f64,
     /// Volume difference [m^3].
     pub volume_difference: f64,
-    /// Iterations of the solver.
+    /// Number of solver iterations.
     pub steps: u32,
     /// Wall time [s].
     pub time_s: f64,
 }
 
-/// What was measured.
+/// Results of a study of skin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkinStudy {
-    /// The scene's name.
+    /// Name of the scene.
     pub scene: String,
-    /// All insertions but the reference: Newton's method from coarse to fine, then the other.
+    /// All insertions except the reference: Newton's method from coarse to fine, then the other
+    /// method.
     pub rows: Vec<SkinRow>,
-    /// The finest by Newton's method.
+    /// The finest insertion by Newton's method.
     pub reference: SkinRow,
-    /// What its gain may be off [m^2].
+    /// Uncertainty of the reference's gain [m^2].
     pub uncertainty: f64,
-    /// Edges [m] and methods for which there was no time.
+    /// Edge lengths [m] and methods that were not measured for lack of time.
     pub left_out: Vec<(f64, Method)>,
-    /// Whether it was interrupted.
+    /// True if the study was interrupted.
     pub interrupted: bool,
 }
 
-/// Why nothing could be measured.
+/// Error of a study of skin.
 #[derive(Debug, thiserror::Error)]
 pub enum SkinStudyError {
-    /// The scene cannot be run.
+    /// The scene cannot run.
     #[error(transparent)]
     Load(#[from] LoadError),
-    /// No two meshes that came to rest.
+    /// Fewer than two meshes reached an equilibrium.
     #[error("no reference: {0}")]
     NoReference(String),
 }
 
 impl SkinStudy {
-    /// The error of a row: its gain less the reference's [m^2].
+    /// The error of a row: its gain minus the reference's [m^2].
     pub fn error(&self, row: &SkinRow) -> f64 {
         row.gain - self.reference.gain
     }
 
-    /// The same as a share of the reference's gain, without a sign.
+    /// The absolute error relative to the reference's gain.
     pub fn share(&self, row: &SkinRow) -> f64 {
         (self.error(row) / self.reference.gain).abs()
     }
 
-    /// Whether an error can be told from the reference's own uncertainty.
+    /// True if an error exceeds the reference's uncertainty.
     pub fn is_certain(&self, row: &SkinRow) -> bool {
         self.error(row).abs() >= self.uncertainty
     }
 
-    /// The fastest row for each target, a share of the gain; none where the target is below the uncertainty.
+    /// The fastest row for each target relative to the gain; `None` where the target is below the
+    /// uncertainty.
     pub fn recommended(&self) -> Vec<(f64, Option<usize>)> {
         let keeps = |target: f64, row: &SkinRow| {
             row.converged
@@ -116,7 +119,7 @@ impl SkinStudy {
     }
 }
 
-/// The scene with its last frame alone, on a mesh with edges of `edge` [m].
+/// The scene with only its last frame, on a mesh with edges of `edge` [m].
 fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
     let mut scene = scene.clone();
     let last = scene.frames;
@@ -136,7 +139,7 @@ fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
     SkinScene { frames: 1, ..scene }
 }
 
-/// Runs a variant; `None` where it was interrupted or could not be solved.
+/// Runs a variant; `None` if it was interrupted or has no solution.
 fn insert(
     scene: SkinScene,
     method: Method,
@@ -174,10 +177,10 @@ fn insert(
     }))
 }
 
-/// Measures a scene of skin within about `budget`.
+/// Measures a skin scene within about `budget`.
 ///
 /// # Errors
-/// A scene that cannot be run; fewer than two meshes at rest.
+/// A scene that cannot run, or fewer than two meshes with an equilibrium.
 pub fn measure(
     scene: &SkinScene,
     budget: Duration,
@@ -194,7 +197,7 @@ pub fn measure(
     for (method, share) in [(Method::Newton, FOR_REFERENCE), (Method::QuasiStatic, 1.0)] {
         let mut last = None::<f64>;
         for edge in EDGES.map(|e| e * own) {
-            // The first two are needed whatever they take.
+            // The first two are necessary at any cost.
             let needed = method == Method::Newton && rows.len() < 2;
             let late =
                 begun.elapsed().as_secs_f64() + last.map_or(0.0, |t| SLOWER * t) > share * budget;
@@ -203,12 +206,13 @@ pub fn measure(
                 continue;
             }
             watch.part(&format!("{}, edges of {:.2} mm", name(method), edge * 1e3));
-            // Too coarse or too fine for its region is an error; the scene itself can be made ready.
+            // A mesh too coarse or too fine for its region is an error; the scene itself can be
+            // prepared.
             let Ok(Some(row)) = insert(variant(scene, edge, method), method, watch) else {
                 continue;
             };
             last = Some(row.time_s);
-            // A mesh that is finer than asked for is taken as it is.
+            // A mesh finer than the target is used as it is.
             if !rows.iter().any(|r| {
                 r.method == method && (r.vertices, r.springs) == (row.vertices, row.springs)
             }) {
@@ -228,7 +232,7 @@ pub fn measure(
     })
 }
 
-/// What a method is called in scenes.
+/// Name of a method in scenes.
 pub fn name(method: Method) -> &'static str {
     match method {
         Method::Newton => "newton",
@@ -236,8 +240,9 @@ pub fn name(method: Method) -> &'static str {
     }
 }
 
-/// Takes the finest mesh of Newton's method out of the rows; and what its gain may be off: the sum of the geometric series
-/// that the last two differences begin, at least the last difference itself.
+/// Removes the finest mesh of Newton's method from the rows. Returns also the uncertainty of its
+/// gain: the sum of the geometric series of the last two differences, at least the last difference
+/// itself.
 fn reference(rows: &mut Vec<SkinRow>) -> Result<(SkinRow, f64), SkinStudyError> {
     let newton: Vec<usize> = (0..rows.len())
         .filter(|&k| rows[k].method == Method::Newton && rows[k].converged)
@@ -291,7 +296,8 @@ mod tests {
             row(1.1, Method::QuasiStatic, 2.0),
         ];
         let (found, doubt) = reference(&mut rows).expect("a reference");
-        // Differences of 0.3 and 0.1: what is to come is 0.1/3 + 0.1/9 + ... = 0.05, less than the last.
+        // Differences of 0.3 and 0.1: the remaining sum is 0.1/3 + 0.1/9 + ... = 0.05, less than
+        // the last difference.
         assert!(
             found.gain == 1.0 && (doubt - 0.1).abs() <= 1e-12 && rows.len() == 3,
             "{doubt}"
@@ -304,7 +310,7 @@ mod tests {
             left_out: Vec::new(),
             interrupted: false,
         };
-        // Both are off by a tenth; rounding decides nothing.
+        // Both differ by a tenth; rounding decides nothing.
         let near = SkinStudy {
             rows: study
                 .rows

@@ -1,4 +1,4 @@
-//! A scene measured: its references, every candidate against them, and what is recommended.
+//! A study of a scene: references, candidates measured against them, and recommendations.
 
 use std::time::{Duration, Instant};
 
@@ -12,30 +12,30 @@ use crate::contact::broad_phase::METHODS;
 use crate::scene::Scene;
 use crate::simulation::{Assets, LoadError};
 
-/// What to measure.
+/// Options of a study.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Time for all of it, about.
+    /// Approximate total time.
     pub budget: Duration,
-    /// Frames of the scene; `None` for as many as the budget allows.
+    /// Number of frames; `None` for the number that the budget allows.
     pub frames: Option<usize>,
-    /// Threads.
+    /// Number of threads.
     pub threads: usize,
 }
 
-/// How a run ended.
+/// Result of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
-    /// Every frame met the solver's tolerance.
+    /// Every frame is within the solver's tolerance.
     Converged,
-    /// It ran to its end, but some frame did not.
+    /// The run completed, but some frame exceeds the tolerance.
     NotConverged,
-    /// A number was not finite, or a vertex went further off than the muscle is long.
+    /// A number was not finite, or the error exceeded the length of the muscle.
     Diverged,
 }
 
 impl Status {
-    /// For tables.
+    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Converged => "converged",
@@ -45,41 +45,41 @@ impl Status {
     }
 }
 
-/// A candidate's run.
+/// The run of a candidate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Row {
     /// Solver and settings.
     pub candidate: Candidate,
-    /// How it ended.
+    /// Result of the run.
     pub status: Status,
-    /// Distance to the reference of the question that the solver answers [m].
+    /// Distance to the reference of the solver's problem [m].
     pub error: Distance,
-    /// What the reference may be off that it is compared with, RMS [m].
+    /// Uncertainty of that reference, RMS [m].
     pub uncertainty_m: f64,
-    /// What a solver that answers another question than the scene asks leaves out, RMS [m].
+    /// Model error of a solver of another problem than the scene's, RMS [m].
     pub model_error_m: f64,
     /// Median wall time of the repeats [s].
     pub time_s: f64,
-    /// Least and greatest of the repeats [s].
+    /// Least and greatest time of the repeats [s].
     pub time_range_s: [f64; 2],
-    /// Runs.
+    /// Number of runs.
     pub repeats: usize,
-    /// Greatest departure of a volume from its target, as a share of it.
+    /// Greatest relative departure of a volume from its target.
     pub volume_error: f64,
     /// Greatest depth in a bone [m].
     pub penetration_m: f64,
-    /// Mean fibre length less the reference's [m].
+    /// Mean fibre length minus the reference's [m].
     pub fibre_error_m: f64,
     /// Greatest residual [m].
     pub residual_m: f64,
-    /// What a run estimates its error to be [m].
+    /// Error estimate of the run itself [m].
     pub error_estimate_m: f64,
-    /// Iterations of all steps; 0 for solvers that sweep.
+    /// Number of iterations of all steps; 0 for solvers with sweeps.
     pub solver_iterations: u64,
 }
 
 impl Row {
-    /// A row without numbers.
+    /// A row without measurements.
     pub fn new(candidate: Candidate, status: Status) -> Self {
         let none = f64::NAN;
         let error = Distance {
@@ -106,61 +106,61 @@ impl Row {
     }
 }
 
-/// Hears how far a study is, and may end it.
+/// Receives the progress of a study, and can stop it.
 pub trait Watch {
     /// A new part begins.
     fn part(&mut self, text: &str);
-    /// Whether to stop now, with what there is.
+    /// True to stop now with the present results.
     fn stops(&self) -> bool;
 }
 
-/// What was measured.
+/// Results of a study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
-    /// The scene's name.
+    /// Name of the scene.
     pub scene: String,
-    /// Frames that were compared, from 1 on.
+    /// Number of compared frames, from frame 1.
     pub frames: usize,
-    /// Frames that the scene has.
+    /// Number of frames of the scene.
     pub frames_of_scene: usize,
     /// Length of the shortest muscle [m].
     pub length: f64,
-    /// Vertices of all muscles.
+    /// Number of vertices of all muscles.
     pub vertices: usize,
-    /// How far they are from rest in the frame in which they are furthest, RMS [m].
+    /// Displacement of the vertices in the frame with the greatest, RMS [m].
     pub moved_m: f64,
-    /// What the scene's own solver answers.
+    /// Problem of the scene's own solver.
     pub question: Question,
-    /// The reference for it.
+    /// Reference of that problem.
     pub reference: Reference,
-    /// The reference for the other question, where there was time for one.
+    /// Reference of the other problem, if there was time.
     pub other: Option<Reference>,
     /// Distance between both, RMS of the worst frame [m].
     pub model_distance_m: f64,
     /// All runs.
     pub rows: Vec<Row>,
-    /// What there was no time for.
+    /// Candidates that were not measured for lack of time.
     pub left_out: Vec<Candidate>,
-    /// The cheapest for each target.
+    /// The cheapest row for each target.
     pub recommended: Vec<Recommended>,
-    /// Rows that no other beats.
+    /// Rows on the Pareto front.
     pub front: Vec<usize>,
-    /// Whether it was interrupted.
+    /// True if the study was interrupted.
     pub interrupted: bool,
 }
 
-/// Why nothing could be measured.
+/// Error of a study.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
-    /// The scene cannot be run.
+    /// The scene cannot run.
     #[error(transparent)]
     Load(#[from] LoadError),
-    /// Classic PBD.
+    /// The solver is classic PBD.
     #[error(
         "classic PBD has no energy: what it tends to depends on its steps and sweeps, so there is no reference"
     )]
     NoEnergy,
-    /// No reference.
+    /// The reference cannot be computed.
     #[error("no reference: {0}")]
     NoReference(String),
 }
@@ -171,16 +171,16 @@ const FOR_REFERENCES: f64 = 0.45;
 /// Share of a reference's time for its first level: the second takes at least twice as long.
 const FIRST_LEVEL: f64 = 0.3;
 
-/// A run may end so much after the budget, as a share of it.
+/// Greatest excess of a run over the budget, relative to it.
 const LATE: f64 = 0.1;
 
-/// The reference is refined until it stands still to this share of the length.
+/// The reference is refined to this uncertainty, relative to the length.
 const CERTAIN: f64 = 1e-4;
 
-/// Runs of each row on the front.
+/// Number of runs of each row on the front.
 const REPEATS: usize = 3;
 
-/// A study that goes on.
+/// A study in progress.
 pub(super) struct Measuring<'a> {
     pub(super) scene: &'a Scene,
     assets: &'a Assets,
@@ -194,7 +194,7 @@ pub(super) struct Measuring<'a> {
 /// Measures a scene with its meshes.
 ///
 /// # Errors
-/// A scene that cannot be run, that has no energy, or whose reference cannot be computed.
+/// A scene that cannot run, that has no energy, or without a computable reference.
 pub fn measure(
     scene: &Scene,
     assets: &Assets,
@@ -208,7 +208,7 @@ pub fn measure(
     Ok(study)
 }
 
-/// Computes the references; nothing is compared with them yet.
+/// Computes the references, without comparisons.
 pub(super) fn begin<'a>(
     scene: &'a Scene,
     assets: &'a Assets,
@@ -284,12 +284,13 @@ fn no_reference(measuring: &Measuring<'_>) -> StudyError {
 }
 
 impl Measuring<'_> {
-    /// Time that is left [s].
+    /// Remaining time [s].
     pub(super) fn left_s(&self) -> f64 {
         self.options.budget.as_secs_f64() - self.begin.elapsed().as_secs_f64()
     }
 
-    /// As many frames as the references have time for, found by a first level over two frames.
+    /// The number of frames that the time of the references allows, from a first level over two
+    /// frames.
     fn choose_frames(
         &mut self,
         question: Question,
@@ -301,7 +302,7 @@ impl Measuring<'_> {
         watch.part("a first look at what a frame costs");
         let candidate = Candidate::new(question.minimised(1, 1e-4), self.options.threads);
         let mut a_frame = f64::INFINITY;
-        // The first frame of all also waits for what is touched for the first time.
+        // The very first frame includes the cost of first memory accesses.
         let goes_on = &mut |_: usize, took: f64| {
             a_frame = a_frame.min(took);
             !watch.stops()
@@ -314,7 +315,8 @@ impl Measuring<'_> {
             goes_on,
         )?;
         self.interrupted |= watch.stops();
-        // The levels of both references cost about as much as this many of the first, the candidates twice that.
+        // The levels of both references cost about this multiple of the first, the candidates twice
+        // that.
         let affordable = self.left_s() / (60.0 * a_frame);
         Ok((affordable as usize).clamp(4.min(self.scene.frames), self.scene.frames))
     }
@@ -343,7 +345,7 @@ impl Measuring<'_> {
     ) -> Result<Option<Reference>, StudyError> {
         let (begin, budget) = (Instant::now(), share * self.left_s().max(0.0));
         let mut last = begin;
-        // A level takes about twice as long as the one before.
+        // A level takes about twice as long as the previous one.
         let allows = || {
             let took = last.elapsed().as_secs_f64();
             last = Instant::now();
@@ -376,7 +378,8 @@ impl Measuring<'_> {
         Ok(found)
     }
 
-    /// The other question's reference; a body without hold has motion, but no equilibrium.
+    /// The reference of the other problem; a body without attachment has motion, but no
+    /// equilibrium.
     fn other(&mut self, question: Question, watch: &mut impl Watch) -> Option<Reference> {
         self.reference(question, 0.3, watch).ok().flatten()
     }
@@ -405,7 +408,7 @@ impl Measuring<'_> {
         }
     }
 
-    /// `None` where the scene cannot be run so, or was interrupted.
+    /// `None` if the candidate cannot run the scene, or was interrupted.
     pub(super) fn row(
         &mut self,
         candidate: Candidate,
@@ -424,7 +427,7 @@ impl Measuring<'_> {
             return None;
         }
         let error = Distance::between(reference.frames(), &run.frames);
-        // Not `>`, which a NaN would pass.
+        // Not `>`, which is false for NaN.
         let lost = run.stopped || !(error.max <= self.length);
         let status = match (lost, run.converged) {
             (true, _) => Status::Diverged,
@@ -448,7 +451,8 @@ impl Measuring<'_> {
         })
     }
 
-    /// The front again for its spread, and the fastest recommended setting on one lane and on one thread.
+    /// Repeats the front for the spread of times, and the fastest recommended settings with one
+    /// lane and with one thread.
     fn repeat(&mut self, study: &mut Study, watch: &mut impl Watch) {
         study.front = pareto(&study.rows);
         for i in study.front.clone() {
@@ -473,8 +477,9 @@ impl Measuring<'_> {
         study.recommended = recommend(&study.rows, self.length);
     }
 
-    /// What the recommended settings cost without lanes, on one thread, with other orders of a sweep and other ways to
-    /// look for contact: the same error but for rounding and order, other times.
+    /// Measures the recommended settings without lanes, on one thread, with other orders of a sweep
+    /// and other methods of contact search: the error is the same up to rounding and order, the
+    /// time differs.
     fn vary(&mut self, study: &mut Study, watch: &mut impl Watch) {
         let mut variants = Vec::new();
         let mut add = |variant: Candidate| {
@@ -501,7 +506,7 @@ impl Measuring<'_> {
                 });
             }
         }
-        // The finest that was found: in it a sweep and contact weigh most.
+        // The finest recommended setting, where sweeps and contact matter most.
         if let Some(candidate) = chosen
             .iter()
             .rev()

@@ -1,4 +1,4 @@
-//! A scene run once with one solver, and what has to be known of it.
+//! One run of a scene with one solver, and its measures.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -14,35 +14,36 @@ use crate::simulation::{self, Assets, LoadError, Observer, Plan, Simulation};
 /// A run of a scene's first frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectory {
-    /// Positions of all vertices of all muscles [m], `[frame][vertex]`, from frame 1 on.
+    /// Positions of all vertices of all muscles [m], `[frame][vertex]`, from frame 1.
     pub frames: Vec<Vec<Point3<f64>>>,
-    /// Wall time of the steps and of what the solver prepares for them [s]; no files, no audit.
+    /// Wall time of the steps and of their preparation [s], without files and audit.
     pub time_s: f64,
-    /// Greatest departure of a volume from its target, as a share of it, of any frame.
+    /// Greatest relative departure of a volume from its target in any frame.
     pub volume_error: f64,
-    /// Greatest depth of a free vertex in a bone [m], of any frame, by the audit.
+    /// Greatest depth of a free vertex in a bone [m] in any frame, by the audit.
     pub penetration_m: f64,
     /// Greatest residual of any frame [m].
     pub residual_m: f64,
-    /// Greatest estimate of the error [m], as a run gives it.
+    /// Greatest error estimate of the run itself [m].
     pub error_estimate_m: f64,
     /// Mean length of the fibres of all muscles at the last frame [m]; 0 without fibres.
     pub fibre_length_m: f64,
-    /// Iterations of all steps and muscles; 0 for solvers that sweep.
+    /// Number of iterations of all steps and muscles; 0 for solvers with sweeps.
     pub iterations: u64,
-    /// Whether every frame of every muscle is converged.
+    /// True if every frame of every muscle converged.
     pub converged: bool,
-    /// Whether a muscle was stopped by a number that is not finite.
+    /// True if a number that is not finite stopped a muscle.
     pub stopped: bool,
-    /// Whether it was ended before its last frame, by `watch` or by a muscle that was stopped.
+    /// True if the run ended before its last frame, by `watch` or by a stopped muscle.
     pub cut_short: bool,
 }
 
 impl Trajectory {
-    /// Runs the first `frames` frames; `watch` hears of every frame and its time [s], and says whether to go on.
+    /// Runs the first `frames` frames. `watch` receives every frame with its time [s] and stops the
+    /// run by returning false.
     ///
     /// # Errors
-    /// The scene cannot be run by that solver.
+    /// The solver cannot run the scene.
     pub fn of(
         scene: &Scene,
         assets: &Assets,

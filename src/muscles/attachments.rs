@@ -1,4 +1,4 @@
-//! Which vertices of a muscle are held by which bone.
+//! Attached vertices of a muscle, with their bones.
 
 use nalgebra::Point3;
 
@@ -6,10 +6,10 @@ use crate::contact::{Obstacle, Projection, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::{NONE, Topology};
 
-/// A vertex held by a bone.
+/// A vertex attached to a bone.
 pub type Attached = (u32, usize);
 
-/// The part of `patch` that is its component number `wanted`, by falling area; the whole patch for `None`.
+/// Component `wanted` of `patch`, by descending area; the whole patch for `None`.
 pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<TriangleMesh> {
     let Some(wanted) = wanted else {
         return Some(patch.clone());
@@ -35,7 +35,8 @@ pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<Triangle
     })
 }
 
-/// Vertices at most `within` [m] from a surface (inside counts as 0), nearest first, at most the share `limit` of all.
+/// Vertices within `within` [m] of a surface (inside counts as 0), nearest first, at most the share
+/// `limit` of all.
 pub fn nearest(
     x: &[Point3<f64>],
     surface: &Surface,
@@ -47,7 +48,7 @@ pub fn nearest(
     among(&closest, solid, within, limit)
 }
 
-/// As [`nearest`], by what of the surface is closest to each vertex.
+/// The same as [`nearest`], from the closest point of the surface to each vertex.
 pub fn among(closest: &[Option<Projection>], solid: bool, within: f64, limit: f64) -> Vec<u32> {
     let mut found: Vec<(f64, u32)> = closest
         .iter()
@@ -67,7 +68,7 @@ pub fn among(closest: &[Option<Projection>], solid: bool, within: f64, limit: f6
     found.into_iter().map(|(_, v)| v).collect()
 }
 
-/// Joins the choices of several attachments; a vertex that two of them take stays with the first.
+/// Joins the vertices of several attachments; a vertex of two attachments stays with the first.
 pub fn join(choices: &[(usize, Vec<u32>)]) -> Vec<Attached> {
     let mut all: Vec<Attached> = Vec::new();
     let mut taken = std::collections::BTreeSet::new();

@@ -1,3 +1,3 @@
-//! What makes a surface a muscle: where it is held.
+//! Attachments of muscles.
 
 pub mod attachments;

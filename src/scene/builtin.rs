@@ -1,4 +1,4 @@
-//! The scenes that need no file, and the choice between a file and one of them.
+//! The built-in scenes, and the choice between a file and a built-in scene.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -8,10 +8,10 @@ use super::parse::{Surroundings, parse_content, parse_with, unknown_name};
 use super::spelling::shown_path;
 use super::{Content, Scene, Variables, no_variables};
 
-/// Largest scene file [bytes]; a larger one is no scene.
+/// Largest size of a scene file [bytes].
 const LARGEST: u64 = 4 << 20;
 
-/// Each built-in scene: its name, its TOML, and what it shows, in one line.
+/// Each built-in scene: name, TOML text, and a description in one line.
 pub const BUILTIN: &[(&str, &str, &str)] = &[
     (
         "hip",
@@ -83,11 +83,12 @@ pub fn builtin(name: &str) -> Option<&'static str> {
         .map(|&(_, toml, _)| toml)
 }
 
-/// Reads a scene of muscles by its name or path, with overrides: a file if one is there or the name ends in `.toml`, else a
-/// built-in scene, whose relative paths begin in the working folder. No path may begin with a variable.
+/// Reads a scene of muscles by name or path, with overrides. If a file exists, or the name ends in
+/// `.toml`, it is a file; otherwise it is a built-in scene, whose relative paths start in the
+/// working folder.
 ///
 /// # Errors
-/// No such file or scene, a file that cannot be read, or whatever is wrong with the scene.
+/// No such file or scene, a file that cannot be read, or an error in the scene.
 ///
 /// ```
 /// use pliant::scene::{Solver, builtin::load};
@@ -116,10 +117,10 @@ pub fn load_with(
     parse_with(&text, &name, &surroundings)
 }
 
-/// As [`load`], a scene of any kind.
+/// The same as [`load`] for a scene of any kind.
 ///
 /// # Errors
-/// As [`load`].
+/// Those of [`load`].
 ///
 /// ```
 /// let scene = pliant::scene::builtin::load_content("flat-implant", &["implant.volume=50cc".to_owned()]).unwrap();
@@ -147,7 +148,7 @@ pub fn load_content_with(
     parse_content(&text, &name, &surroundings)
 }
 
-/// A scene's text, the name that messages give it, and the folder that its paths begin in.
+/// The text of a scene, its name in messages, and the folder of its relative paths.
 #[derive(Clone, Debug)]
 pub struct Written {
     /// The text of the scene.
@@ -199,10 +200,10 @@ pub fn find(name_or_path: &str) -> Result<Written, SceneError> {
     })
 }
 
-/// What to do where there is no scene file.
+/// Advice if there is no scene file.
 const NO_SCENE: &str = "name a scene file, or one of the scenes that `pliant scenes` lists";
 
-/// The text of a file, or why there is none (`None` when it is not there).
+/// The text of a file, or the reason why it cannot be read (`None` if it does not exist).
 pub(super) fn read(path: &Path) -> Result<String, Option<String>> {
     let reason =
         |e: std::io::Error| (e.kind() != std::io::ErrorKind::NotFound).then(|| e.to_string());
@@ -211,7 +212,8 @@ pub(super) fn read(path: &Path) -> Result<String, Option<String>> {
     }
     let file = std::fs::File::open(path).map_err(reason)?;
     let mut bytes = Vec::new();
-    // Read by size and not by the length that the system tells, which is wrong for pipes.
+    // Limited by the size read, not by the length that the system reports, which is wrong for
+    // pipes.
     file.take(LARGEST + 1)
         .read_to_end(&mut bytes)
         .map_err(reason)?;

@@ -1,4 +1,4 @@
-//! What a scene may hold: muscles and bones, skin over implants, or a lattice of points on springs.
+//! The kinds of scenes: muscles and bones, skin over implants, or a lattice of points with springs.
 
 use nalgebra::{Point3, Vector3};
 
@@ -11,16 +11,16 @@ use crate::springs::Neighbours;
 /// A checked scene of any kind.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
-    /// Muscles that slide around moving bones: a scene with `[[muscle]]`.
+    /// Muscles around moving bones: a scene with `[[muscle]]`.
     Muscles(Box<Scene>),
-    /// Skin over implants or over a ball, at rest in every frame: a scene with `[[skin]]`.
+    /// Skin over implants or over a ball, in equilibrium in every frame: a scene with `[[skin]]`.
     Skin(Box<SkinScene>),
-    /// A box of points on springs, dragged and let go: a scene with `[lattice]`.
+    /// A box of points with springs, displaced and released: a scene with `[lattice]`.
     Lattice(Box<LatticeScene>),
 }
 
 impl Content {
-    /// Name, used for the folder of results.
+    /// Name, also of the results folder.
     pub fn name(&self) -> &str {
         match self {
             Self::Muscles(scene) => &scene.name,
@@ -38,7 +38,7 @@ impl Content {
         }
     }
 
-    /// The error that the user allows; only muscles have one.
+    /// The accuracy that the user requests; only for muscles.
     pub fn accuracy(&self) -> Option<Accuracy> {
         match self {
             Self::Muscles(scene) => scene.accuracy,
@@ -46,7 +46,7 @@ impl Content {
         }
     }
 
-    /// Where it was read from.
+    /// Origin of the scene's text.
     pub fn origin(&self) -> &Origin {
         match self {
             Self::Muscles(scene) => &scene.origin,
@@ -55,7 +55,7 @@ impl Content {
         }
     }
 
-    /// The same with another origin.
+    /// The same scene with another origin.
     pub(super) fn with_origin(mut self, origin: Origin) -> Self {
         *match &mut self {
             Self::Muscles(scene) => &mut scene.origin,
@@ -66,69 +66,70 @@ impl Content {
     }
 }
 
-/// Skin and what lifts it.
+/// Skin with the implants or the ball below.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkinScene {
-    /// Name, used for the folder of results.
+    /// Name, also of the results folder.
     pub name: String,
-    /// Number of frames after the start; frame 0 is the skin before.
+    /// Number of frames after the start; frame 0 is the skin without implants.
     pub frames: usize,
     /// The skin.
     pub skin: Skin,
-    /// What lifts it.
+    /// The implants or the ball.
     pub under: Under,
-    /// What lies below: implants and the lower layer of the skin rest on it.
+    /// Obstacles that support the implants and the lower layer of the skin.
     pub obstacles: Vec<Obstacle>,
-    /// Where it was read from, for errors that only its meshes show.
+    /// Origin of the scene's text, for errors found in its meshes.
     pub origin: Origin,
 }
 
 /// A skin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Skin {
-    /// Its name.
+    /// Name of the skin.
     pub name: String,
-    /// Its surface.
+    /// Surface of the skin.
     pub surface: SkinSurface,
-    /// What is repaired before it is used, lengths in metres; `None` takes it as it is.
+    /// Repair of the surface, lengths in metres; `None` for none.
     pub repair: Option<repair::Options>,
-    /// Stretch above which it is told to be stretched too far.
+    /// Stretch above which the result is a warning.
     pub stretch_limit: f64,
-    /// How equilibria are sought; `None`: by its size.
+    /// Method of the equilibrium; `None` selects it by size.
     pub method: Option<Method>,
 }
 
-/// Where a skin comes from.
+/// Source of a skin's surface.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SkinSurface {
     /// A file, or a shape without parameters.
     Source(Source),
     /// A flat square in the plane z = 0 about the origin.
     Sheet {
-        /// Its side [m].
+        /// Side of the square [m].
         side: f64,
-        /// Squares along it.
+        /// Number of squares along a side.
         cells: u32,
     },
 }
 
-/// What lifts a skin.
+/// The body that lifts a skin.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Under {
-    /// Implants, at least one.
+    /// At least one implant.
     Implants(Vec<Filled>),
-    /// A rigid ball that comes from below.
+    /// A rigid ball that rises from below.
     Ball(Ball),
 }
 
-/// An implant and when it holds how much.
+/// An implant with its volumes over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filled {
-    /// Unique among implants.
+    /// Name, unique among implants.
     pub name: String,
-    /// Place, shape, the skin over it; its volume is that of the last frame.
+    /// Place, shape and the skin above; the volume is that of the last frame.
     pub order: ImplantSpec,
-    /// Frames and volumes [m^3], sorted by frame; linear between them, from nothing in frame 0, the last one kept.
+    /// Frames and volumes [m^3], sorted by frame; linear in between, from 0 in frame 0, constant
+    /// after the last.
     pub fill: Vec<(usize, f64)>,
 }
 
@@ -147,56 +148,57 @@ impl Filled {
     }
 }
 
-/// A rigid ball that comes from below.
+/// A rigid ball that rises from below.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ball {
-    /// Its radius [m].
+    /// Radius [m].
     pub radius: f64,
-    /// Its centre at the start [m]; `None`: so deep that it touches the skin from below.
+    /// Centre at the start [m]; `None` for contact with the skin from below.
     pub from: Option<Point3<f64>>,
-    /// Its centre in the last frame [m].
+    /// Centre in the last frame [m].
     pub to: Point3<f64>,
-    /// The skin over it, as for an implant of its size.
+    /// Material and region of the skin above, as for an implant of that size.
     pub order: ImplantSpec,
 }
 
-/// A body at rest under the skin.
+/// A fixed body under the skin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Obstacle {
-    /// Unique among obstacles.
+    /// Name, unique among obstacles.
     pub name: String,
-    /// Its surface.
+    /// Surface of the obstacle.
     pub surface: Source,
-    /// What is repaired before it is used, lengths in metres; `None` takes it as it is.
+    /// Repair of the surface, lengths in metres; `None` for none.
     pub repair: Option<repair::Options>,
 }
 
-/// A box of points on springs, its lowest layer (along z) held, its highest dragged and let go.
+/// A box of points with springs: the bottom layer (along z) is fixed, the top layer is displaced
+/// and released.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LatticeScene {
-    /// Name, used for the folder of results.
+    /// Name, also of the results folder.
     pub name: String,
     /// Number of frames after the start; frame 0 is the start.
     pub frames: usize,
     /// Frames a second [1/s].
     pub frame_rate: f64,
-    /// Points along x, y, z.
+    /// Number of points along x, y, z.
     pub points: [usize; 3],
     /// Length of the longest side [m].
     pub side: f64,
-    /// Which springs there are.
+    /// Number of neighbours with springs.
     pub neighbours: Neighbours,
-    /// Of each spring [N/m].
+    /// Stiffness of each spring [N/m].
     pub stiffness: f64,
-    /// Of each point [kg].
+    /// Mass of each point [kg].
     pub mass: f64,
-    /// Damping as a share of the second source's estimate.
+    /// Damping relative to the second source's estimate.
     pub damping: f64,
-    /// How far the highest layer is dragged [m].
+    /// Displacement of the top layer [m].
     pub drag: Vector3<f64>,
-    /// It gets there, and is let go, in this frame.
+    /// Frame in which the top layer reaches its displacement and is released.
     pub release: usize,
-    /// Where it was read from.
+    /// Origin of the scene's text.
     pub origin: Origin,
 }
 

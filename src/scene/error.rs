@@ -1,4 +1,4 @@
-//! What can be wrong with a scene, where, and what to do about it.
+//! Errors of a scene, with their places and advice.
 
 use std::fmt;
 use std::sync::Arc;
@@ -7,38 +7,38 @@ use super::spelling::shown;
 use super::tree::{Sources, Span};
 use super::units::{Dimension, UnitError};
 
-/// What is wrong with a scene.
+/// Kinds of errors in a scene.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Problem {
     /// E050: a quantity, or a mesh, without its unit.
     #[error("{found} has no unit")]
     UnitsRequired {
-        /// What was found.
+        /// The value found.
         found: String,
-        /// How it is written.
+        /// An example of the right form.
         example: String,
-        /// What it measures.
+        /// Dimension of the quantity.
         dimension: Dimension,
     },
-    /// E051: a number that the key does not allow, NaN and infinity among them.
+    /// E051: a number outside the allowed range, or NaN or infinity.
     #[error("{found} is not allowed here")]
     OutOfRange {
         /// The number as written.
         found: String,
-        /// What is allowed.
+        /// The allowed range.
         allowed: String,
     },
-    /// E052: a key that is not known where it stands.
+    /// E052: an unknown key.
     #[error("unknown key `{key}`{}", meant(.nearest.as_deref()))]
     UnknownKey {
         /// The key as written.
         key: String,
-        /// The known key that was probably meant.
+        /// The most similar known key.
         nearest: Option<String>,
         /// All keys known there.
         known: String,
     },
-    /// E053: a key or a section given twice.
+    /// E053: a duplicate key or section.
     #[error("`{key}` is given twice")]
     DuplicateKey {
         /// The key as written.
@@ -47,52 +47,52 @@ pub enum Problem {
     /// E054: a value of another type.
     #[error("expected {wanted}, found {found}")]
     WrongType {
-        /// What is expected, with an example.
+        /// The expected type, with an example.
         wanted: String,
-        /// What was found.
+        /// The type found.
         found: String,
     },
-    /// E055: something is not there that must be.
+    /// E055: a required part is missing.
     #[error("{what} is missing")]
     Missing {
         /// What is missing.
         what: String,
-        /// What to add.
+        /// The text to add.
         add: String,
     },
-    /// E056: two things of which one may be there.
+    /// E056: two parts that exclude each other.
     #[error("`{first}` and `{second}` exclude each other")]
     Conflict {
-        /// One of them.
+        /// The first part.
         first: String,
-        /// The other.
+        /// The second part.
         second: String,
     },
     /// E057: not TOML.
     #[error("{message}")]
     Syntax {
-        /// What the reader of TOML says.
+        /// Message of the TOML reader.
         message: String,
     },
     /// E058: a text that is no quantity.
     #[error(transparent)]
     Quantity(#[from] UnitError),
-    /// E059: key frames that do not follow one another.
+    /// E059: key frames that are not in ascending order.
     #[error("frame {frame} does not come after frame {before}")]
     KeysOutOfOrder {
         /// Frame of the later key.
         frame: f64,
-        /// Frame of the key before it.
+        /// Frame of the previous key.
         before: f64,
     },
-    /// E060: a file that is not there or cannot be read.
+    /// E060: a file that does not exist or cannot be read.
     #[error("{}", missing(path, reason.as_deref()))]
     MissingFile {
-        /// Where it was looked for.
+        /// The resolved path.
         path: String,
-        /// Why it cannot be read.
+        /// The reason why it cannot be read.
         reason: Option<String>,
-        /// What to do, which depends on where the path begins.
+        /// Advice, which depends on the start of the path.
         hint: &'static str,
     },
     /// E061: a relative path that leaves the scene's folder.
@@ -104,22 +104,22 @@ pub enum Problem {
     /// E062: a variable in a path that is not set.
     #[error("the variable `{name}` is not set")]
     UnsetVariable {
-        /// Its name, without the `$`.
+        /// Name of the variable, without the `$`.
         name: String,
     },
-    /// E063: a name that nothing has.
+    /// E063: an unknown name.
     #[error("there is no {what} `{name}`{}", meant(.nearest.as_deref()))]
     UnknownName {
-        /// What was looked for.
+        /// Kind of the named object.
         what: &'static str,
         /// The name as written.
         name: String,
-        /// The name that was probably meant.
+        /// The most similar known name.
         nearest: Option<String>,
-        /// All names there are.
+        /// All known names.
         known: String,
     },
-    /// E064: a name given to two things.
+    /// E064: a duplicate name.
     #[error("the name `{name}` is given twice")]
     DuplicateName {
         /// The name.
@@ -128,7 +128,7 @@ pub enum Problem {
     /// E065: a list without elements.
     #[error("the list is empty")]
     EmptyList {
-        /// What it must hold.
+        /// The required content.
         wanted: String,
     },
     /// E066: a vertex held by two bones.
@@ -145,28 +145,28 @@ pub enum Problem {
         /// Deepest nesting accepted.
         deepest: usize,
     },
-    /// E068: an override that is not `path.key=value`, or whose path leads nowhere.
+    /// E068: an override that is not `path.key=value`, or with an unknown path.
     #[error("{message}")]
     Override {
-        /// What is wrong with it.
+        /// The error.
         message: String,
-        /// What to do.
+        /// Advice.
         hint: String,
     },
-    /// E020 to E077: a mesh, or what is attached to it, does not do; see `simulation::fault`.
+    /// E020 to E077: an unusable mesh or attachment; see `simulation::fault`.
     #[error("{message}")]
     Unfit {
         /// The code of the fault.
         code: &'static str,
-        /// What is wrong.
+        /// The error.
         message: String,
-        /// What to do.
+        /// Advice.
         help: String,
     },
-    /// E069: a turn between two key frames whose way is not clear.
+    /// E069: an ambiguous rotation between two key frames.
     #[error("the way from the key before to this one is not clear: {why}")]
     UnclearTurn {
-        /// Why.
+        /// The reason.
         why: &'static str,
     },
 }
@@ -197,7 +197,8 @@ impl Problem {
         }
     }
 
-    /// The code of the kind, `E050` to `E069` but for meshes, which stays the same when messages change.
+    /// The code of the kind, `E050` to `E069` except for meshes; it stays the same when messages
+    /// change.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -227,7 +228,7 @@ impl Problem {
         }
     }
 
-    /// What to do about it.
+    /// Advice for the user.
     #[must_use]
     pub fn help(&self) -> String {
         match self {
@@ -267,7 +268,7 @@ impl Problem {
     }
 }
 
-/// A problem of a scene and its place.
+/// A problem in a scene with its place.
 #[derive(Clone)]
 pub struct SceneError(Box<Placed>);
 
@@ -278,7 +279,7 @@ struct Placed {
     /// Name and text of the file or of the override.
     source: (Arc<str>, Arc<str>),
     span: Span,
-    /// Line and column, both from 1; `None` where the text is no file (an override, a name).
+    /// Line and column, both from 1; `None` if the text is no file (an override, a name).
     place: Option<(usize, usize)>,
 }
 
@@ -293,7 +294,7 @@ impl SceneError {
             .chars()
             .count()
             + 1;
-        // The text of an override is its own name, one line, and needs no place.
+        // The text of an override is also its name and needs no place.
         let place = own.then(|| (before.matches('\n').count() + 1, column));
         let source = (name, text);
         Self(Box::new(Placed {
@@ -305,7 +306,7 @@ impl SceneError {
         }))
     }
 
-    /// An error of a name or a path that was given outside of any file.
+    /// An error of a name or a path outside any file.
     pub(super) fn of_name(problem: Problem, name: &str) -> Self {
         let source = (Arc::from("SCENE"), Arc::from(name));
         Self(Box::new(Placed {
@@ -317,7 +318,7 @@ impl SceneError {
         }))
     }
 
-    /// An error in a scene without a text.
+    /// An error in a scene without text.
     pub(super) fn nowhere(problem: Problem, key: &str) -> Self {
         let source = (Arc::from("scene"), Arc::from(""));
         Self(Box::new(Placed {
@@ -329,13 +330,14 @@ impl SceneError {
         }))
     }
 
-    /// What is wrong.
+    /// The problem.
     #[must_use]
     pub fn problem(&self) -> &Problem {
         &self.0.problem
     }
 
-    /// The key in question, such as `muscle.0.material.density`; empty for the document itself.
+    /// The key with the problem, such as `muscle.0.material.density`; empty for the document
+    /// itself.
     #[must_use]
     pub fn key(&self) -> &str {
         &self.0.key
@@ -365,7 +367,7 @@ impl SceneError {
         self.0.span.clone()
     }
 
-    /// One line, `file:line:column: error[E052]: key: what is wrong; what to do`, for pipes and logs.
+    /// One line, `file:line:column: error[E052]: key: problem; advice`, for pipes and logs.
     #[must_use]
     pub fn terse(&self) -> String {
         let at = match self.0.place {

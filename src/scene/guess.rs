@@ -1,12 +1,12 @@
-//! Which unit a file probably has, from its size.
+//! Estimate of a file's length unit from the size of its mesh.
 
-/// Longest sides of what is deformed here: from a fingertip to a body [m].
+/// Plausible range of the longest side of a body: from a fingertip to a whole body [m].
 const PLAUSIBLE: [f64; 2] = [0.01, 2.5];
 
-/// What lies in the middle of them: a thigh [m].
+/// Typical longest side: a thigh [m].
 const TYPICAL: f64 = 0.25;
 
-/// Units of length that meshes come in, and their lengths [m].
+/// Length units of meshes, with their lengths [m].
 const UNITS: [(&str, f64); 5] = [
     ("m", 1.0),
     ("dm", 0.1),
@@ -15,8 +15,8 @@ const UNITS: [(&str, f64); 5] = [
     ("in", 0.0254),
 ];
 
-/// The units in which a longest side of `length` is that of a part of a body, the likeliest first, each with the side in
-/// metres; a guess, which is shown and never used.
+/// The units for which a longest side of `length` is plausible for a part of a body, the most
+/// likely first, each with the side in metres. The result is an estimate for display only.
 pub fn likely_units(length: f64) -> Vec<(&'static str, f64)> {
     let mut likely: Vec<_> = UNITS
         .iter()
@@ -46,7 +46,7 @@ mod tests {
             ],
             [Some("m"), Some("mm"), None, None, None]
         );
-        // A body of 17 dm might be one of 17 cm.
+        // A body of 17 dm could be one of 17 cm.
         assert!(likely_units(17.0).iter().any(|(name, _)| *name == "dm"));
     }
 }

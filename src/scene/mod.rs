@@ -1,8 +1,8 @@
-//! A scene: what is there, how the bones move, which effects it calls for. Everything in SI units, checked. A [`Scene`] holds
-//! muscles; [`content`] has the other kinds.
+//! A scene: bodies, motions of the bones, and effects. All values are checked and in SI units. A
+//! [`Scene`] contains muscles; [`content`] has the other kinds.
 //!
-//! [`mod@parse`] documents the TOML layout, [`overrides`] the changes from the command line, [`builtin`] has the scenes
-//! that need no file.
+//! [`mod@parse`] documents the TOML layout, [`overrides`] the changes from the command line.
+//! [`builtin`] contains the built-in scenes.
 
 pub mod builtin;
 pub mod content;
@@ -44,47 +44,48 @@ use std::path::PathBuf;
 use crate::mesh::repair;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-/// Share of a muscle's vertices that may be held in a scene that runs: of more, little is left that could deform.
+/// Greatest share of a muscle's vertices that a simulated scene may fix: with more, little is left
+/// to deform.
 pub const MOST_HELD: f64 = 0.10;
 
 /// A checked scene of muscles and bones: SI units, every path resolved, every name found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// Name, used for the folder of results.
+    /// Name, also of the results folder.
     pub name: String,
     /// Number of frames after the start; frame 0 is the start.
     pub frames: usize,
     /// Frames a second [1/s].
     pub frame_rate: f64,
-    /// Rigid bodies that move as prescribed.
+    /// Rigid bodies with prescribed motions.
     pub bones: Vec<Bone>,
-    /// Optional covers of joints that muscles are kept out of.
+    /// Covers of joints that muscles must not penetrate.
     pub capsules: Vec<Capsule>,
-    /// Bodies that deform.
+    /// Deformable bodies.
     pub muscles: Vec<Muscle>,
-    /// Share of a muscle's vertices that may be held; [`MOST_HELD`] in what is read.
+    /// Greatest share of a muscle's vertices that may be fixed; [`MOST_HELD`] for scenes from text.
     pub most_held: f64,
-    /// What acts. An effect that is `None` allocates nothing and runs nothing.
+    /// Effects. An effect that is `None` allocates nothing and runs nothing.
     pub effects: Effects,
-    /// How the motion is computed.
+    /// Solver of the motion.
     pub solver: Solver,
-    /// The error that the user allows: solver and settings are then chosen.
+    /// The accuracy that the user requests: solver and settings are then chosen automatically.
     pub accuracy: Option<Accuracy>,
-    /// Where it was read from, for errors that only its meshes show.
+    /// Origin of the scene's text, for errors found in its meshes.
     pub origin: Origin,
 }
 
-/// An error that the user allows: root mean square of the vertices of the worst frame.
+/// A requested accuracy: the greatest root mean square error of the vertices of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Accuracy {
-    /// \[m\].
+    /// Absolute error \[m\].
     Length(f64),
-    /// As a share of the shortest muscle's length.
+    /// Error relative to the length of the shortest muscle.
     Share(f64),
 }
 
 impl Accuracy {
-    /// The error \[m\] for a muscle so long \[m\].
+    /// The error \[m\] for a muscle of length `muscle` \[m\].
     pub fn length(self, muscle: f64) -> f64 {
         match self {
             Self::Length(length) => length,
@@ -93,7 +94,7 @@ impl Accuracy {
     }
 }
 
-/// Where a surface comes from.
+/// Source of a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
     /// A mesh file.
@@ -103,45 +104,45 @@ pub enum Source {
         /// Length of the file's unit \[m\].
         scale: f64,
     },
-    /// A shape made by code, by its name in [`shapes::SCENE_NAMES`](crate::mesh::shapes::SCENE_NAMES).
+    /// A generated shape, by its name in [`SHAPES`].
     Shape(String),
 }
 
-/// A rigid body that moves as prescribed.
+/// A rigid body with a prescribed motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bone {
-    /// Unique among bones and capsules.
+    /// Name, unique among bones and capsules.
     pub name: String,
-    /// Its surface.
+    /// Surface of the bone.
     pub surface: Source,
-    /// What is repaired before it is used, lengths in metres; `None` takes it as it is.
+    /// Repair of the surface, lengths in metres; `None` for none.
     pub repair: Option<repair::Options>,
-    /// Its motion; empty for a bone at rest.
+    /// Motion; empty for a bone at rest.
     pub motion: Motion,
 }
 
 /// Key frames of a rigid motion, interpolated as a screw.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// Sorted by frame; before the first and after the last the pose is held.
+    /// Keys sorted by frame; the pose is constant before the first and after the last.
     pub keys: Vec<Key>,
-    /// The joint about which it turns, where centre and axis are given.
+    /// The joint of the rotation, if centre and axis are given.
     pub joint: Option<Joint>,
 }
 
-/// Where a bone turns, and about what.
+/// A joint of a bone: centre and axis of rotation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
-    /// Its name; several bones may name the same.
+    /// Name of the joint; several bones can have the same.
     pub name: Option<String>,
-    /// A point that stays \[m\].
+    /// Fixed point of the rotation \[m\].
     pub centre: Point3<f64>,
-    /// Positive angles turn about it by the right hand.
+    /// Axis of rotation; positive angles follow the right-hand rule.
     pub axis: Unit<Vector3<f64>>,
 }
 
 impl Joint {
-    /// The pose of a bone that is turned by an angle \[rad\] from where its file has it.
+    /// The pose of a bone rotated by an angle \[rad\] from its pose in the file.
     pub fn pose(&self, angle: f64) -> Isometry3<f64> {
         motion::turned(&self.axis, angle, &self.centre.coords)
     }
@@ -150,7 +151,7 @@ impl Joint {
 /// One pose at one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
-    /// Frame number, may be fractional.
+    /// Frame number, possibly fractional.
     pub frame: f64,
     /// Pose that maps the bone's file coordinates \[m\] to the world \[m\].
     pub pose: Isometry3<f64>,
@@ -159,7 +160,7 @@ pub struct Key {
 /// A sphere swept along a segment that covers a joint, carried by a bone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Capsule {
-    /// Unique among bones and capsules.
+    /// Name, unique among bones and capsules.
     pub name: String,
     /// Index of the bone that carries it.
     pub bone: usize,
@@ -169,22 +170,22 @@ pub struct Capsule {
     pub radius: f64,
 }
 
-/// A body that deforms.
+/// A deformable body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Muscle {
-    /// Unique among muscles.
+    /// Name, unique among muscles.
     pub name: String,
-    /// Its surface.
+    /// Surface of the muscle.
     pub surface: Source,
-    /// What is repaired before it is used, lengths in metres; `None` takes it as it is.
+    /// Repair of the surface, lengths in metres; `None` for none.
     pub repair: Option<repair::Options>,
-    /// Wanted edge length \[m\]; `None` keeps the mesh as it is.
+    /// Target edge length \[m\]; `None` keeps the mesh unchanged.
     pub edge_length: Option<f64>,
     /// Material constants.
     pub material: Material,
-    /// Where it is held by bones.
+    /// Attachments to bones.
     pub attachments: Vec<Attachment>,
-    /// Polylines that run along its fibres.
+    /// Polylines along the fibres.
     pub fibres: Option<Source>,
     /// Constant forces on chosen vertices.
     pub forces: Vec<Force>,
@@ -192,48 +193,48 @@ pub struct Muscle {
     pub displacements: Vec<Displacement>,
 }
 
-/// Where and to which bone a muscle is held.
+/// An attachment of a muscle to a bone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attachment {
     /// Index of the bone.
     pub bone: usize,
-    /// Which vertices.
+    /// Attached vertices.
     pub area: Area,
-    /// At most this share of the muscle's vertices, nearest first (0..1).
+    /// Greatest share of the muscle's vertices, nearest first (0..1).
     pub limit: f64,
 }
 
-/// Which vertices of a muscle an attachment takes.
+/// The vertices of an attachment.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Area {
-    /// All vertices at most so far from the bone's surface \[m\].
+    /// All vertices within this distance of the bone's surface \[m\].
     Near(f64),
-    /// All vertices at most `within` \[m\] from a patch.
+    /// All vertices within `within` \[m\] of a patch.
     Patch {
-        /// The patch's file.
+        /// File of the patch.
         source: Source,
-        /// One component of the patch, by falling area; `None` takes all.
+        /// Component of the patch, by descending area; `None` takes all.
         component: Option<usize>,
-        /// Largest distance \[m\].
+        /// Greatest distance \[m\].
         within: f64,
     },
-    /// Indices into the muscle's vertices, in the file's order.
+    /// Vertex indices, in the order of the file.
     Vertices(Vec<u32>),
 }
 
-/// A constant force on each of some vertices.
+/// A constant force on each vertex of a list.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Force {
-    /// Indices into the muscle's vertices.
+    /// Vertex indices.
     pub vertices: Vec<u32>,
-    /// Force on each \[N\].
+    /// Force on each vertex \[N\].
     pub force: Vector3<f64>,
 }
 
-/// A displacement of each of some vertices at the start.
+/// A displacement of each vertex of a list at the start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Displacement {
-    /// Indices into the muscle's vertices.
+    /// Vertex indices.
     pub vertices: Vec<u32>,
     /// Displacement \[m\].
     pub by: Vector3<f64>,

@@ -1,5 +1,5 @@
-//! Rigid motion by key frames, interpolated as a screw: between two keys the body turns about one axis in space and
-//! slides along it, both evenly.
+//! Rigid motion by key frames, interpolated as a screw: between two keys the body rotates about one
+//! axis in space and slides along it, both at constant speed.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 
@@ -8,17 +8,18 @@ use super::reader::{Limit, Section};
 use super::units::Dimension;
 use super::{Joint, Key, Motion};
 
-/// A turn about one axis between two keys is split into parts of at most this angle \[rad\], well below the half turn
-/// at which the axis of the relative pose is lost.
+/// Greatest angle of a part of a rotation about one axis between two keys \[rad\], well below the
+/// half turn, at which the axis of the relative pose is undefined.
 const LARGEST_TURN: f64 = 2.0;
-/// Largest relative angle between two keys about different axes \[rad\], short of the half turn.
+/// Greatest relative angle between two keys about different axes \[rad\], below the half turn.
 const CLEAR_TURN: f64 = 3.0;
-/// Largest angle of a key \[rad\]; bounds the number of keys put in between.
+/// Greatest angle of a key \[rad\]; bounds the number of inserted keys.
 const LARGEST_ANGLE: f64 = 1000.0;
 
 impl Motion {
-    /// The pose at a frame, which may be fractional: the identity without keys, the first or the last key's pose
-    /// outside of them, at a key exactly its pose, and between two keys their screw.
+    /// The pose at a possibly fractional frame: the identity without keys, the pose of the first or
+    /// last key outside their range, exactly the pose of a key at its frame, and the screw between
+    /// two keys.
     ///
     /// ```
     /// use nalgebra::{Isometry3, Vector3};
@@ -36,7 +37,7 @@ impl Motion {
         ) {
             (None, None) => Isometry3::identity(),
             (Some(only), None) | (None, Some(only)) => only.pose,
-            // At a key the pose is the key's, to the bit.
+            // At a key the pose has the bits of the key.
             (Some(before), Some(_)) if before.frame == frame => before.pose,
             (Some(before), Some(after)) => {
                 let share = (frame - before.frame) / (after.frame - before.frame);
@@ -46,20 +47,21 @@ impl Motion {
     }
 }
 
-/// The part `share` (0..1) of the screw that leads from the identity to `pose`, `exp(share log(pose))`.
+/// The part `share` (0..1) of the screw from the identity to `pose`, `exp(share log(pose))`.
 ///
-/// Along the axis the translation is scaled. Across it a turn by `a` about a distant axis moves the body along a
-/// chord of length `2 r sin(a/2)` at the angle `a/2` to the start, so the part's chord is the whole one times
-/// `sin(share a/2) / sin(a/2)`, turned back by `(1 - share) a/2`. No logarithm is formed, and nothing is lost near
-/// `a = 0`.
+/// Along the axis the translation is scaled. A rotation by `a` about a distant axis moves the body
+/// along a chord of length `2 r sin(a/2)` at the angle `a/2` to the start. The part's chord is
+/// therefore the whole one times `sin(share a/2) / sin(a/2)`, rotated back by `(1 - share) a/2`. No
+/// logarithm is needed, and nothing is lost near `a = 0`.
 fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
     let quaternion = pose.rotation.quaternion();
-    // Of the two quaternions of a rotation, the one of the shorter way.
+    // The quaternion of the shorter rotation.
     let sign = if quaternion.w < 0.0 { -1.0 } else { 1.0 };
     let (cosine, vector) = (sign * quaternion.w, sign * quaternion.imag());
     let sine = vector.norm();
     let moved = pose.translation.vector;
-    // Below this, squares underflow and the direction of the axis is lost; so small a turn moves nothing.
+    // Below this, squares underflow and the direction of the axis is lost; so small a rotation has
+    // no effect.
     if sine < 1e-150 {
         return Isometry3::from_parts(
             Translation3::from(moved * share),
@@ -77,13 +79,13 @@ fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
     )
 }
 
-/// Rotation by an angle \[rad\]; with libm's functions, which give the same bits on every system.
+/// Rotation by an angle \[rad\]; the functions of libm give the same bits on every system.
 fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
     let (sine, cosine) = libm::sincos(0.5 * angle);
     UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))
 }
 
-/// The pose of what is turned by an angle \[rad\] about an axis through a centre \[m\].
+/// The pose after a rotation by an angle \[rad\] about an axis through a centre \[m\].
 pub(super) fn turned(
     axis: &Unit<Vector3<f64>>,
     angle: f64,
@@ -98,8 +100,8 @@ pub(super) fn turned(
     Isometry3::from_parts(Translation3::from(back), rotation)
 }
 
-/// One key as written: where a body is that turned about an axis through the joint's centre, slid along the axis, and
-/// then moved.
+/// A key as written: rotation about an axis through the joint's centre, translation along the axis,
+/// then a further translation.
 #[derive(Clone, Copy, Debug)]
 struct Written {
     frame: f64,
@@ -116,7 +118,7 @@ impl Written {
         Isometry3::from_parts(Translation3::from(moved), turned.rotation)
     }
 
-    /// The same axis, or no turn at all and so any axis.
+    /// True for the same axis, or if one of both has no rotation.
     fn shares_axis(&self, other: &Self) -> bool {
         self.axis == other.axis
             || self.angle == 0.0 && self.slide == 0.0
@@ -167,7 +169,7 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
     Ok(motion)
 }
 
-/// The joint of a motion that has a centre and an axis; only such a motion can name one.
+/// The joint of a motion with a centre and an axis; only such a motion can name one.
 fn joint(
     section: &Section<'_>,
     centre: Option<Vector3<f64>>,
@@ -222,7 +224,7 @@ fn read_key(key: &Section<'_>, axis: Option<Unit<Vector3<f64>>>) -> Result<Writt
     })
 }
 
-/// Checks the way between two keys, and puts keys in between where it is a wide turn about one axis.
+/// Checks the path between two keys, and inserts keys if it is a large rotation about one axis.
 fn between(
     before: &Written,
     after: &Written,
@@ -403,7 +405,8 @@ mod tests {
             );
             let point = Point3::from(point);
             let sum = screw_part(&pose, turn) * (screw_part(&pose, rest) * point);
-            // Near the half turn the chord of a screw with a given translation is long, but never longer than this.
+            // Near the half turn the chord of a screw with a given translation is long, but never
+            // longer than this.
             let bound = 1e-13 * (10.0 + 2.0 / libm::cos(angle / 2.0).abs());
             prop_assert!((sum - screw_part(&pose, turn + rest) * point).norm() <= bound);
             prop_assert!((screw_part(&pose, 1.0) * point - pose * point).norm() <= bound);

@@ -1,4 +1,4 @@
-//! Where a scene was read from, kept so that what is only found in its meshes can still name its line.
+//! Origin of a scene's text, so that errors found in its meshes can name the line.
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::error::{Problem, SceneError};
 use super::tree::{Node, Sources, Span, Value};
 
-/// The texts that a scene was read from; none for a scene made by code.
+/// The texts of a scene; none for a scene from code.
 #[derive(Clone, Default)]
 pub struct Origin(Option<Arc<Written>>);
 
@@ -20,7 +20,7 @@ impl Origin {
         Self(Some(Arc::new(Written { document, sources })))
     }
 
-    /// An error at a key such as `muscle.0.mesh`, or at the last part of it that was written.
+    /// An error at a key such as `muscle.0.mesh`, or at its last part that the text contains.
     #[must_use]
     pub fn error(&self, problem: Problem, key: &str) -> SceneError {
         match self.0.as_deref() {
@@ -32,7 +32,7 @@ impl Origin {
     }
 }
 
-/// The place of a value, or of the last that encloses it.
+/// The place of a value, or of the innermost one that contains it.
 fn span_of(document: &Node, key: &str) -> Span {
     let mut node = document;
     for part in key.split('.') {
@@ -49,7 +49,7 @@ fn span_of(document: &Node, key: &str) -> Span {
     node.span.clone()
 }
 
-/// Two scenes are alike whatever text says so.
+/// Two scenes are equal for any texts.
 impl PartialEq for Origin {
     fn eq(&self, _: &Self) -> bool {
         true

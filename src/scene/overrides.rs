@@ -1,11 +1,13 @@
-//! Changes of a scene as texts `path.key=value`, applied to the TOML before it is checked.
+//! Changes of a scene from the command line, `--set path.key=value`, applied to the TOML before the
+//! checks.
 //!
-//! Every key has its path; a list's element is named by its number from 0, by its `name`, or is `*` for all:
-//! `muscle.0.edge_length=3 mm`, `muscle.biceps.edge_length=3 mm`, `muscle.*.material.density=1 g/cm3`; where it is the only
-//! one it need not be named: `implant.volume=100cc`. A path that
-//! begins with a key of `effects`, of the solver in use or of `solver` may leave out what stands before it:
-//! `contact.friction=0.3`, `substeps=40`. The value is TOML, but texts need no quotes; `none` or `off` removes a key
-//! or a whole section, `on` switches on a section that needs no keys, and `solver=pbd` changes the solver.
+//! Every key has a path. An element of a list is its index from 0, its `name`, or `*` for all:
+//! `muscle.0.edge_length=3 mm`, `muscle.biceps.edge_length=3 mm`,
+//! `muscle.*.material.density=1 g/cm3`. The only element of a list needs no name:
+//! `implant.volume=100cc`. A path that begins with a key of `effects`, of the solver in use or of
+//! `solver` can omit the part before it: `contact.friction=0.3`, `substeps=40`. The value is TOML,
+//! but texts need no quotes. `none` or `off` removes a key or a whole section, `on` adds a section
+//! without required keys, and `solver=pbd` changes the solver.
 
 use super::effects::EffectSpec;
 use super::error::{Problem, SceneError};
@@ -19,11 +21,11 @@ use super::tree::{self, Entry, Node, Sources, Span, Table, Value};
 struct Segment {
     text: String,
     span: Span,
-    /// In quotes, and so neither a number nor `*`.
+    /// True for a quoted segment, which is neither a number nor `*`.
     quoted: bool,
 }
 
-/// An override being applied.
+/// An override in progress.
 struct Change<'a> {
     sources: &'a Sources,
     whole: Span,
@@ -33,7 +35,7 @@ struct Change<'a> {
 
 type Done = Result<(), SceneError>;
 
-/// Applies one text `path.key=value` to the document.
+/// Applies one override `path.key=value` to the document.
 pub(super) fn apply(text: &str, document: &mut Node, sources: &mut Sources) -> Done {
     let start = sources.add(&format!("change {}", shown(text)), text);
     let whole = start..start + text.len();
@@ -71,7 +73,7 @@ pub(super) fn apply(text: &str, document: &mut Node, sources: &mut Sources) -> D
     .table(root, &ROOT, &path, "")
 }
 
-/// The first `=` outside of quotes.
+/// The first `=` outside quotes.
 fn equals_sign(text: &str) -> Option<usize> {
     let mut quote = None;
     for (at, c) in text.char_indices() {
@@ -85,7 +87,7 @@ fn equals_sign(text: &str) -> Option<usize> {
     None
 }
 
-/// Splits a path at its dots outside of quotes; `None` if a segment is empty or a quote is left open.
+/// Splits a path at its dots outside quotes; `None` for an empty segment or an open quote.
 fn segments(path: &str, start: usize) -> Option<Vec<Segment>> {
     let mut out = Vec::new();
     let mut quote = None;
@@ -119,7 +121,7 @@ fn segment(written: &str, start: usize) -> Option<Segment> {
     })
 }
 
-/// Puts what may be left out before a path.
+/// Completes an abbreviated path.
 fn in_full(path: Vec<Segment>, root: &Table) -> Vec<Segment> {
     let Some(first) = path.first() else {
         return path;
@@ -191,7 +193,7 @@ impl Change<'_> {
                 };
                 match &mut node.value {
                     Value::Table(table) => self.table(table, schema, rest, &here),
-                    // The reader will say what is wrong with it.
+                    // The reader reports the error.
                     _ => Ok(()),
                 }
             }
@@ -204,7 +206,7 @@ impl Change<'_> {
         }
     }
 
-    /// Follows the path into one element of a list, or into all.
+    /// Follows the path into one element of a list, or into all elements.
     fn list(
         &self,
         entry: Option<&mut Entry>,
@@ -229,7 +231,7 @@ impl Change<'_> {
             );
         };
         let only = list.len() == 1 && !first.quoted && schema.get(&first.text).is_some();
-        // A name of an element comes before a key of the same name.
+        // The name of an element takes precedence over a key of the same name.
         if only
             && list.iter().all(|node| name(node) != Some(&first.text))
             && let Some(Node {
@@ -293,7 +295,8 @@ impl Change<'_> {
             }
             _ => {
                 let node = self.node(kind)?;
-                // The values of a section or a list are set one by one, so that a typing error cannot drop the rest.
+                // The values of a section or a list are set one by one, so that a typing error
+                // cannot drop the others.
                 if matches!(kind, Kind::Table(_)) && !matches!(node.value, Value::Table(_)) {
                     let message = format!("`{here}` is a section, not a value");
                     let hint = "give a key below it, or `on`, or `off` to remove it".to_owned();
@@ -323,8 +326,8 @@ impl Change<'_> {
             value: Value::Text(self.value.to_owned()),
         };
         let quoted = self.value.starts_with(['"', '\'']);
-        // A name such as `7` or `true` is a text where a text is due; a quantity without a unit stays a number there
-        // too, and is refused for its unit.
+        // A value such as `7` or `true` is a text where a text is expected. A quantity without a
+        // unit stays a number there, too, and is rejected for its unit.
         if matches!(kind, Kind::Text) && !quoted {
             return Ok(plain());
         }
@@ -332,7 +335,7 @@ impl Change<'_> {
     }
 }
 
-/// Indices of the elements that a segment names.
+/// Indices of the elements of a segment.
 fn chosen(list: &[Node], segment: &Segment) -> Result<Vec<usize>, Problem> {
     let text = segment.text.as_str();
     if !segment.quoted {

@@ -1,11 +1,12 @@
-//! Reads a scene from TOML, checks it, and gives it in SI units.
+//! Reads a scene from TOML, checks it, and converts it to SI units.
 //!
 //! # The layout
-//! Every key there is, the optional ones marked. Quantities are texts with their [unit](super::units); ratios without
-//! a dimension are plain numbers. Files stay in the scene's folder, or are absolute, or begin with a variable.
+//! All keys, with the optional ones marked. Quantities are texts with their [unit](super::units);
+//! ratios without a dimension are plain numbers. Files are in the scene's folder, or have an
+//! absolute path, or a path that begins with a variable.
 #![doc = concat!("```toml\n", include_str!("layout.toml"), "```")]
 //!
-//! A scene may hold skin over implants in place of muscles and bones:
+//! A scene can contain skin over implants instead of muscles and bones:
 #![doc = concat!("```toml\n", include_str!("layout-skin.toml"), "```")]
 //!
 //! Or a lattice:
@@ -29,22 +30,23 @@ use super::{
 };
 use crate::mesh::{repair, shapes};
 
-/// Longest name [bytes]; it becomes part of the names of files.
+/// Greatest length of a name [bytes]; names become parts of file names.
 const LONGEST_NAME: usize = 100;
 
-/// What a scene's text does not say itself.
+/// The context of a scene's text.
 #[derive(Clone, Copy)]
 pub struct Surroundings<'a> {
-    /// Folder of the scene file: relative paths begin here and stay here.
+    /// Folder of the scene file: relative paths start here and stay here.
     pub folder: &'a Path,
-    /// Value of a variable that a path begins with.
+    /// Value of a variable at the start of a path, normally
+    /// [`paths::environment`](super::environment).
     pub variable: &'a dyn Fn(&str) -> Option<OsString>,
-    /// Texts `path.key=value`, applied in turn before the scene is checked.
+    /// Overrides `path.key=value`, applied in order before the checks.
     pub overrides: &'a [String],
 }
 
 impl<'a> Surroundings<'a> {
-    /// A folder, no variables, no overrides.
+    /// A folder, the environment variables, no overrides.
     #[must_use]
     pub fn of(folder: &'a Path) -> Self {
         Self {
@@ -55,11 +57,10 @@ impl<'a> Surroundings<'a> {
     }
 }
 
-/// Reads and checks a scene; `name` stands for the text in messages, `folder` is where its relative paths begin. No path
-/// may begin with a variable.
+/// Reads and checks a scene. `name` appears in messages; `folder` is the start of relative paths.
 ///
 /// # Errors
-/// The first thing that is wrong, with its place; see [`Problem`].
+/// The first error with its place; see [`Problem`].
 ///
 /// ```
 /// let text = "
@@ -80,10 +81,10 @@ pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Scene, SceneError>
     parse_with(text, name, &Surroundings::of(folder))
 }
 
-/// As [`parse`], with overrides and with variables.
+/// The same as [`parse`] with overrides and other variables.
 ///
 /// # Errors
-/// The first thing that is wrong, with its place; see [`Problem`]. A scene without muscles is an error.
+/// The first error with its place; see [`Problem`]. A scene without muscles is an error.
 pub fn parse_with(
     text: &str,
     name: &str,
@@ -95,10 +96,10 @@ pub fn parse_with(
     }
 }
 
-/// As [`parse_with`], a scene of any kind.
+/// The same as [`parse_with`] for a scene of any kind.
 ///
 /// # Errors
-/// The first thing that is wrong, with its place; see [`Problem`].
+/// The first error with its place; see [`Problem`].
 pub fn parse_content(
     text: &str,
     name: &str,
@@ -140,19 +141,20 @@ fn scene_name(root: &Section<'_>, file_stem: &str) -> Result<String, SceneError>
     }
 }
 
-/// What a scene holds.
+/// The kind of a scene.
 enum Kind {
     Muscles,
     Skin,
     Lattice,
 }
 
-/// Keys that only a scene of muscles, of skin, of a lattice has; the first of each makes a scene one.
+/// Keys of scenes of muscles, of skin, of a lattice only; the first key of each list decides on the
+/// kind.
 const MUSCLES: [&str; 6] = ["muscle", "bone", "capsule", "effects", "solver", "accuracy"];
 const SKIN: [&str; 5] = ["skin", "implant", "ball", "obstacle", "sheet"];
 const LATTICE: [&str; 1] = ["lattice"];
 
-/// Decides what a scene holds, and refuses what does not belong to it.
+/// Determines the kind of a scene, and rejects keys of other kinds.
 fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
     let (kind, others): (Kind, [&[&str]; 3]) = if root.get(MUSCLES[0]).is_some() {
         (Kind::Muscles, [&SKIN, &LATTICE, &[]])
@@ -166,7 +168,7 @@ fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
                 "skin",
                 "a section [[skin]], under which it goes",
             )),
-            // What is missing is told by the reader of muscles.
+            // The reader of muscles reports the missing section.
             None => Ok(Kind::Muscles),
         };
     };
@@ -245,7 +247,7 @@ fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<Bone>, S
     Ok(bones)
 }
 
-/// Capsules share their names with bones: both are obstacles, and a report names them alike.
+/// Capsules and bones have unique names in common: both are obstacles, and reports show them alike.
 fn capsules(
     root: &Section<'_>,
     bones: &KnownBones<'_>,
@@ -274,7 +276,7 @@ fn capsules(
     Ok(capsules)
 }
 
-/// The bones of a scene, found by name without a walk over all of them.
+/// The bones of a scene, with a fast lookup by name.
 pub(super) struct KnownBones<'a> {
     bones: &'a [Bone],
     index: HashMap<&'a str, usize>,
@@ -290,7 +292,7 @@ impl<'a> KnownBones<'a> {
         Self { bones, index }
     }
 
-    /// The index of the bone that the key `bone` names.
+    /// The index of the bone in the key `bone`.
     pub(super) fn named_by(&self, section: &Section<'_>) -> Result<usize, SceneError> {
         let item = section.need("bone", "\"NAME\"")?;
         let name = item.text("femur")?;
@@ -310,7 +312,7 @@ impl<'a> KnownBones<'a> {
     }
 }
 
-/// The error for a name that nothing has.
+/// The error for an unknown name.
 pub(super) fn unknown_name<'a>(
     what: &'static str,
     name: &str,
@@ -329,7 +331,7 @@ pub(super) fn surface(section: &Section<'_>) -> Result<Source, SceneError> {
     surface_of(section, shapes::SCENE_NAMES)
 }
 
-/// As [`surface`], with other shapes.
+/// The same as [`surface`] with other shapes.
 pub(super) fn surface_of(section: &Section<'_>, shapes: &[&str]) -> Result<Source, SceneError> {
     section.exclusive("mesh", "shape")?;
     if let Some(item) = section.get("shape") {
@@ -345,7 +347,7 @@ pub(super) fn surface_of(section: &Section<'_>, shapes: &[&str]) -> Result<Sourc
     }
 }
 
-/// What `repair`, and the keys that go with it, ask for.
+/// The repair of `repair` and its related keys.
 pub(super) fn repair(section: &Section<'_>) -> Result<Option<repair::Options>, SceneError> {
     section.exclusive("shape", "repair")?;
     let wanted = section
@@ -385,7 +387,7 @@ pub(super) fn file(item: &Item<'_>, section: &Section<'_>) -> Result<Source, Sce
     file_at(text, item, section)
 }
 
-/// As [`file`], where the path is only a part of the value.
+/// The same as [`file`] where the path is only a part of the value.
 pub(super) fn file_at(
     text: &str,
     item: &Item<'_>,
@@ -405,7 +407,7 @@ pub(super) fn file_at(
     Ok(Source::File { path, scale })
 }
 
-/// One of the shapes made by code.
+/// A generated shape.
 pub(super) fn shape(item: &Item<'_>, known: &[&str]) -> Result<Source, SceneError> {
     let name = item.text("tetrahedron")?;
     if known.contains(&name) {
@@ -414,7 +416,7 @@ pub(super) fn shape(item: &Item<'_>, known: &[&str]) -> Result<Source, SceneErro
     item.fail(unknown_name("shape", name, known.iter().copied()))
 }
 
-/// A name that is not yet `taken`, and is from here on.
+/// A name that is not in `taken`; adds it.
 pub(super) fn unique_name(
     section: &Section<'_>,
     taken: &mut HashSet<String>,
@@ -436,7 +438,7 @@ pub(super) fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {
     }
 }
 
-/// Why a name cannot be one: it becomes the name of a file or folder on any system.
+/// The reason why a name is invalid: it becomes the name of a file or folder on any system.
 pub(super) fn name_fault(name: &str) -> Option<&'static str> {
     if name.trim() != name || name.is_empty() || name.len() > LONGEST_NAME {
         return Some("a name of 1 to 100 bytes without space at its ends");

@@ -9,7 +9,7 @@ use super::reader::{Item, Limit, Section};
 use super::solvers::{SOLVERS, Solver, SolverSpec};
 use super::units::Dimension;
 
-/// The effects; each is absent when its section is.
+/// Reads the effects; each is absent if its section is.
 pub(super) fn effects(root: &Section<'_>) -> Result<Effects, SceneError> {
     let mut effects = Effects::default();
     let Some(section) = root.section("effects")? else {
@@ -23,7 +23,7 @@ pub(super) fn effects(root: &Section<'_>) -> Result<Effects, SceneError> {
     Ok(effects)
 }
 
-/// The solver; the first of all when none is named.
+/// Reads the solver; small-step XPBD by default.
 pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
     let Some(section) = root.section("solver")? else {
         return Ok(Solver::default());
@@ -49,7 +49,7 @@ fn settings(spec: &SolverSpec, section: &Section<'_>) -> Result<Solver, SceneErr
     Ok(spec.with(&values))
 }
 
-/// An error that is allowed: a length, or a share of the muscle's.
+/// Reads a requested accuracy: a length, or a share of the muscle's length.
 pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
     if item.text("1 %")?.trim_end().ends_with('%') {
         return Ok(Accuracy::Share(parse_muscle::share(item)?));

@@ -11,14 +11,14 @@ use crate::springs::Neighbours;
 
 type Read<T> = Result<T, SceneError>;
 
-/// Most points of a scene's lattice, for its frames are written.
+/// Greatest number of points of a scene's lattice, since its frames are written.
 const MOST_POINTS: usize = 2_000_000;
 
-/// Stiffness of a spring [N/m] and mass of a point [kg], unless the scene says otherwise.
+/// Default stiffness of a spring [N/m] and mass of a point [kg].
 const STIFFNESS: f64 = 100.0;
 const MASS: f64 = 1e-3;
 
-/// A scene of a lattice.
+/// Reads a scene of a lattice.
 pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
     let frames = root.need("frames", "120")?.whole(1, 10_000_000)? as usize;
     let frame_rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive)?;

@@ -10,10 +10,10 @@ use super::units::Dimension;
 use super::{Area, Attachment, Displacement, Force, Mass, Material, Muscle, Source};
 use crate::mesh::shapes;
 
-/// Share of the vertices that an attachment may hold.
+/// Default share of the vertices that an attachment may contain.
 const LIMIT: f64 = 0.1;
 
-/// One muscle whose name is already checked.
+/// Reads one muscle with a checked name.
 pub(super) fn muscle(
     section: &Section<'_>,
     name: String,
@@ -54,7 +54,7 @@ pub(super) fn muscle(
         .iter()
         .any(|a| matches!(a.area, Area::Vertices(_)));
     if repair.is_some() && (by_index || !forces.is_empty() || !displacements.is_empty()) {
-        // A repair may drop and add vertices, so that an index would name another one.
+        // A repair can drop and add vertices, which would change the meaning of an index.
         let problem = Problem::Conflict {
             first: "repair".to_owned(),
             second: "vertices".to_owned(),
@@ -119,7 +119,7 @@ fn attachments(
     Ok(attachments)
 }
 
-/// A share above zero and up to the whole.
+/// A share above zero, at most 1.
 pub(super) fn share(item: &Item<'_>) -> Result<f64, SceneError> {
     let share = item.quantity(Dimension::Ratio, Limit::Positive)?;
     if share <= 1.0 {
@@ -156,7 +156,7 @@ fn area(section: &Section<'_>) -> Result<Area, SceneError> {
             });
         }
     };
-    // These two say something about a patch only.
+    // These two keys only apply to a patch.
     for key in ["unit", "within"] {
         section.exclusive(
             if section.get("near").is_some() {

@@ -19,19 +19,19 @@ use crate::skin::{ImplantSpec, Shape};
 
 type Read<T> = Result<T, SceneError>;
 
-/// Stretch above which skin counts as stretched too far, unless the scene says otherwise.
+/// Default stretch above which skin counts as stretched too far.
 const STRETCH_LIMIT: f64 = 1.5;
 
-/// Most squares along a sheet.
+/// Greatest number of squares along a sheet.
 const MOST_CELLS: u32 = 1024;
 
-/// Most frames.
+/// Greatest number of frames.
 const MOST_FRAMES: u32 = 10_000_000;
 
 /// Frames and volumes.
 type Fill = Vec<(usize, f64)>;
 
-/// A scene of skin.
+/// Reads a scene of skin.
 pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
     let sections = root.sections("skin")?;
     let Some(section) = sections.first() else {
@@ -131,7 +131,7 @@ fn method(item: &Item<'_>) -> Read<Method> {
     named(item, "method", &METHODS)
 }
 
-/// One of some things by their names.
+/// A value from a list of names.
 fn named<T: Copy>(item: &Item<'_>, what: &'static str, known: &[(&'static str, T)]) -> Read<T> {
     let name = item.text(known.first().map_or("", |(name, _)| *name))?;
     match known.iter().find(|(known, _)| *known == name) {
@@ -208,7 +208,7 @@ fn implants(
     Ok((Under::Implants(all), frames))
 }
 
-/// The frames and volumes of `fill`, if it is there.
+/// The frames and volumes of `fill`, if present.
 fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
     section.exclusive("volume", "fill")?;
     let Some(item) = section.get("fill") else {
@@ -288,7 +288,7 @@ fn ball(section: &Section<'_>, tissue: Tissue, edge: Option<f64>) -> Read<Ball> 
         .unwrap_or_else(Point3::origin);
     let from = section.get("from").map(point).transpose()?;
     let depth = section.quantity_or("depth", Dimension::Length, Limit::Positive, tissue.depth)?;
-    // The region is that of an implant as wide as the ball; its volume takes no part.
+    // The region is that of an implant as wide as the ball; its volume is not used.
     let order = ImplantSpec {
         edge,
         ..ImplantSpec::round(Place::Point(to), 2.0 * radius, radius.powi(3))

@@ -1,4 +1,5 @@
-//! Paths of a scene: relative to its folder and inside it, or absolute, or beginning with a variable.
+//! Paths of a scene: relative to its folder and inside it, or absolute, or starting with a
+//! variable.
 
 use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
@@ -16,7 +17,7 @@ pub fn no_variables(_: &str) -> Option<OsString> {
     None
 }
 
-/// The file that a text of a scene in `folder` means; it must exist.
+/// The file of a path in a scene in `folder`; the file must exist.
 pub(super) fn resolve(
     text: &str,
     folder: &Path,
@@ -49,7 +50,7 @@ pub(super) fn resolve(
     }
 }
 
-/// `NAME/rest` or `{NAME}/rest`, the text behind the `$`.
+/// Resolves `NAME/rest` or `{NAME}/rest`, the text after the `$`.
 fn with_variable(
     rest: &str,
     variable: &dyn Fn(&str) -> Option<OsString>,
@@ -59,7 +60,7 @@ fn with_variable(
         None => rest.split_at(rest.find('/').unwrap_or(rest.len())),
     };
     let word = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-    // Asking the system for a name with `=` or NUL in it is an error of its own kind.
+    // A request to the system for a name with `=` or NUL would be another kind of error.
     let value = if word { variable(name) } else { None };
     let Some(value) = value else {
         return Err(Problem::UnsetVariable { name: shown(name) });
@@ -67,7 +68,7 @@ fn with_variable(
     Ok(PathBuf::from(value).join(rest.trim_start_matches('/')))
 }
 
-/// A relative path that stays in the folder, whatever `..` it has.
+/// A relative path that stays inside the folder, with any `..` in it.
 fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
     let outside = || Problem::OutsideFolder {
         path: shown_path(Path::new(text)),
@@ -77,7 +78,7 @@ fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
         match part {
             Component::Normal(name) => parts.push(name),
             Component::CurDir => {}
-            // Taken away here and not by the system, for which `link/..` may lie elsewhere.
+            // Removed here and not by the system, where `link/..` can lie elsewhere.
             Component::ParentDir => {
                 parts.pop().ok_or_else(outside)?;
             }

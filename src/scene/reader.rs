@@ -1,4 +1,4 @@
-//! Reads checked values out of the tree: each wrong one becomes an error with its place and key.
+//! Reads checked values from the tree; each invalid value becomes an error with its place and key.
 
 use nalgebra::{Unit, Vector3};
 
@@ -10,14 +10,14 @@ use super::spelling::{nearest, shown};
 use super::tree::{Entry, Node, Sources, Span, Table, Value};
 use super::units::{self, Dimension};
 
-/// What reading needs to know.
+/// Context of the reader.
 #[derive(Clone, Copy)]
 pub(super) struct Context<'a> {
     pub(super) sources: &'a Sources,
     pub(super) surroundings: &'a Surroundings<'a>,
 }
 
-/// A value, its key, and what reading needs to know.
+/// A value with its key and context.
 #[derive(Clone)]
 pub(super) struct Item<'a> {
     pub(super) context: Context<'a>,
@@ -25,7 +25,7 @@ pub(super) struct Item<'a> {
     pub(super) key: String,
 }
 
-/// A table all of whose keys are known.
+/// A table whose keys are all known.
 #[derive(Clone)]
 pub(super) struct Section<'a> {
     context: Context<'a>,
@@ -84,7 +84,7 @@ impl<'a> Item<'a> {
     /// A plain number within a limit.
     pub(super) fn number(&self, limit: Limit) -> Read<f64> {
         let value = match &self.node.value {
-            // Beyond 2^53 the nearest number is as good as any.
+            // Beyond 2^53 the nearest number is sufficient.
             Value::Integer(number) => *number as f64,
             Value::Float(number) => *number,
             _ => return self.wrong_type(limit.describe("number")),
@@ -94,7 +94,7 @@ impl<'a> Item<'a> {
 
     fn limited(&self, value: f64, limit: Limit, what: &str) -> Read<f64> {
         if limit.allows(value) {
-            // Minus zero would show as `-0` in reports and change the sign of products.
+            // Minus zero would appear as `-0` in reports and change the sign of products.
             return Ok(value + 0.0);
         }
         let found = match &self.node.value {
@@ -161,7 +161,7 @@ impl<'a> Item<'a> {
         ))
     }
 
-    /// A direction of three plain numbers, of any length but zero.
+    /// A direction of three plain numbers, of any positive length.
     pub(super) fn direction(&self) -> Read<Unit<Vector3<f64>>> {
         let [x, y, z] = self.three("a list of three numbers such as [-1, 0, 0]")?;
         let vector = Vector3::new(
@@ -211,7 +211,7 @@ impl<'a> Item<'a> {
         }
     }
 
-    /// Indices of vertices: at least one, none twice.
+    /// Vertex indices: at least one, without duplicates.
     pub(super) fn vertices(&self) -> Read<Vec<u32>> {
         let items = self.list("a list of vertices such as [0, 1]")?;
         if items.is_empty() {
@@ -234,7 +234,7 @@ impl<'a> Item<'a> {
         Ok(vertices)
     }
 
-    /// A table, after a check that the schema knows all its keys.
+    /// A table, after a check of all its keys against the schema.
     pub(super) fn section(&self, schema: &'static Schema) -> Read<Section<'a>> {
         let Value::Table(table) = &self.node.value else {
             return self.wrong_type(format!("a section [{}]", self.key));
@@ -261,7 +261,7 @@ impl<'a> Item<'a> {
     }
 }
 
-/// The error for a key that a table does not have.
+/// The error for an unknown key of a table.
 pub(super) fn unknown_key(key: &str, schema: &Schema) -> Problem {
     let names = schema.names();
     let known = if names.is_empty() {
@@ -303,14 +303,14 @@ impl<'a> Section<'a> {
         }
     }
 
-    /// The value at a key that may be absent.
+    /// The value at an optional key.
     pub(super) fn get(&self, key: &str) -> Option<Item<'a>> {
-        // A key that the schema lacks would always be absent, since `section` refuses it.
+        // A key outside the schema would always be absent, since `section` rejects it.
         debug_assert!(self.schema.get(key).is_some(), "{key} is not in the schema");
         self.table.get(key).map(|entry| self.item(entry))
     }
 
-    /// The value at a key that must be there; `example` is what to add.
+    /// The value at a required key; `example` is the text to add.
     pub(super) fn need(&self, key: &str, example: &str) -> Read<Item<'a>> {
         match self.get(key) {
             Some(item) => Ok(item),
@@ -318,7 +318,7 @@ impl<'a> Section<'a> {
         }
     }
 
-    /// The section at a key that may be absent.
+    /// The section at an optional key.
     pub(super) fn section(&self, key: &str) -> Read<Option<Section<'a>>> {
         match (self.get(key), self.schema.get(key)) {
             (Some(item), Some(Kind::Table(schema))) => item.section(schema).map(Some),
@@ -340,7 +340,7 @@ impl<'a> Section<'a> {
         }
     }
 
-    /// A quantity, or what holds when it is absent.
+    /// A quantity, or its default.
     pub(super) fn quantity_or(
         &self,
         key: &str,
@@ -352,18 +352,18 @@ impl<'a> Section<'a> {
             .map_or(Ok(default), |item| item.quantity(dimension, limit))
     }
 
-    /// A quantity that must be there.
+    /// A required quantity.
     pub(super) fn need_quantity(&self, key: &str, dimension: Dimension, limit: Limit) -> Read<f64> {
         self.need(key, &format!("\"{}\"", dimension.example()))?
             .quantity(dimension, limit)
     }
 
-    /// A plain number, or what holds when it is absent.
+    /// A plain number, or its default.
     pub(super) fn number_or(&self, key: &str, limit: Limit, default: f64) -> Read<f64> {
         self.get(key).map_or(Ok(default), |item| item.number(limit))
     }
 
-    /// Refuses a second of two keys of which one may be there.
+    /// Rejects the second of two keys that exclude each other.
     pub(super) fn exclusive(&self, first: &str, second: &str) -> Read<()> {
         match (self.get(first), self.get(second)) {
             (Some(_), Some(item)) => item.fail(Problem::Conflict {

@@ -1,4 +1,4 @@
-//! Every key a scene may have and where it may stand, known to the reader and to the overrides alike.
+//! Every key of a scene with its place, for the reader and for the overrides.
 
 use super::effects::{EFFECTS, material_constants};
 use super::keys::KeySpec;
@@ -19,7 +19,7 @@ pub(super) enum Schema {
     Material,
 }
 
-/// What stands at a key.
+/// Kind of the value of a key.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
     /// A text; an override needs no quotes.

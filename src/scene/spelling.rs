@@ -1,16 +1,16 @@
-//! How texts of the user are shown, and which known name a misspelt one is nearest to.
+//! Display of the user's texts, and the nearest known name of a misspelt one.
 
 use strsim::osa_distance;
 
-/// Longest text that a message repeats [characters].
+/// Greatest length of a text in a message [characters].
 const SHOWN: usize = 64;
 
-/// The text as a message shows it: control characters escaped, at most 64 characters.
+/// The text in a message: control characters escaped, at most 64 characters.
 pub(super) fn shown(text: &str) -> String {
     shortened(text, SHOWN)
 }
 
-/// As [`shown`], for paths, which are of no use when they are cut short.
+/// The same as [`shown`] for paths, which are useless if truncated.
 pub(super) fn shown_path(path: &std::path::Path) -> String {
     shortened(&path.to_string_lossy(), 4096)
 }
@@ -31,10 +31,10 @@ fn shortened(text: &str, most: usize) -> String {
     out
 }
 
-/// Most names that a message lists.
+/// Greatest number of names in a message.
 const LISTED: usize = 12;
 
-/// Names one behind the other, the first twelve of them.
+/// Names in sequence, at most the first twelve.
 pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let mut names = names.fuse();
     let first: Vec<String> = names.by_ref().take(LISTED).map(shown).collect();
@@ -45,9 +45,9 @@ pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     }
 }
 
-/// The known name that differs least from `name`, if it differs so little that it may have been meant.
+/// The known name most similar to `name`, if it is similar enough.
 pub(super) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    // A text of any length may come in; beyond the longest key no distance can be small.
+    // The text can have any length; beyond the longest key no distance is small.
     if name.chars().count() > SHOWN {
         return None;
     }

@@ -1,8 +1,8 @@
-//! The file of a parameter study: a scene, fixed changes, lists of values to vary, frames to look at.
+//! The file of a parameter study: a scene, fixed changes, lists of values, compared frames.
 //!
-//! Keys of `[set]`, `[vary]` and `[reference]` are those of [`overrides`](super::overrides), in quotes or as dotted
-//! keys; a value is what would stand behind the `=` of `--set`, numbers, lists and tables as TOML has them, all else
-//! as a text: `"off"`, `"1 mm"`, `"pbd"`.
+//! Keys of `[set]`, `[vary]` and `[reference]` are those of [`overrides`](super::overrides), in
+//! quotes or as dotted keys. A value is the text after the `=` of `--set`: numbers, lists and
+//! tables as in TOML, anything else as a text: `"off"`, `"1 mm"`, `"pbd"`.
 
 use std::path::Path;
 
@@ -16,10 +16,10 @@ use super::schema::{Kind, Schema};
 use super::spelling::{shown, shown_path};
 use super::tree::{self, Node, Sources, Span, Table, Value};
 
-/// Most combinations of one study, references not counted.
+/// Greatest number of combinations of a study, without references.
 pub const MOST_COMBINATIONS: usize = 10_000;
 
-/// Most frames that a study looks at.
+/// Greatest number of compared frames of a study.
 pub const MOST_FRAMES: usize = 24;
 
 const STUDY: Schema = Schema::Listed(&[
@@ -33,24 +33,24 @@ const STUDY: Schema = Schema::Listed(&[
     ("reference", Kind::Table(&ANY)),
 ]);
 
-/// Not looked at: which keys there are is the scene's matter.
+/// Not checked here: the scene decides which keys exist.
 const ANY: Schema = Schema::Listed(&[]);
 
-/// How lists of values become combinations.
+/// Rule to combine lists of values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Combine {
     /// Every value of a list with every value of the others.
     #[default]
     All,
-    /// The scene with its fixed changes, and each value of each list alone.
+    /// The scene with its fixed changes, and each value of each list separately.
     OneAtATime,
 }
 
 impl Combine {
-    /// All of them, as a study file names them.
+    /// All rules, in the order of their names in a study file.
     pub const ALL: [Self; 2] = [Self::All, Self::OneAtATime];
 
-    /// As a study file names it.
+    /// Name in a study file.
     pub fn name(self) -> &'static str {
         match self {
             Self::All => "all",
@@ -59,7 +59,7 @@ impl Combine {
     }
 }
 
-/// One change of the scene, `KEY=VALUE` as behind `--set`.
+/// One change of the scene, `KEY=VALUE` as after `--set`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Change {
     /// The key.
@@ -75,33 +75,33 @@ impl Change {
     }
 }
 
-/// A key and the values it takes in turn.
+/// A key with its list of values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Varied {
     /// The key.
     pub key: String,
-    /// Its values, at least one, none twice.
+    /// At least one value, without duplicates.
     pub values: Vec<Change>,
 }
 
-/// A study as written, checked as far as it can be without its scene's meshes.
+/// A study file, checked as far as possible without the scene's meshes.
 #[derive(Clone, Debug)]
 pub struct StudyFile {
-    /// Name: of the key `name`, or the file's without its ending.
+    /// The key `name`, or the file's name without its extension.
     pub name: String,
-    /// The scene as the file names it.
+    /// The scene as named in the file.
     pub scene: String,
-    /// Frames to look at, sorted; `None` where the file leaves the choice.
+    /// Compared frames, sorted; `None` if the file does not define them.
     pub frames: Option<Vec<usize>>,
-    /// Measures to show, in the file's order; `None` for all.
+    /// Measures to display, in the file's order; `None` for all.
     pub measures: Option<Vec<String>>,
-    /// How the lists are combined.
+    /// Rule to combine the lists.
     pub combine: Combine,
     /// Changes of every combination.
     pub set: Vec<Change>,
-    /// What is varied, at least one key.
+    /// Varied keys, at least one.
     pub vary: Vec<Varied>,
-    /// Changes over each combination that make the run that it is compared with; empty for no comparison.
+    /// Changes of each combination that give its reference run; empty for no comparison.
     pub reference: Vec<Change>,
     /// Changes from the command line, applied after those of `set`.
     more: Vec<String>,
@@ -112,7 +112,7 @@ pub struct StudyFile {
     at: Places,
 }
 
-/// Where things stand in the file.
+/// Places of values in the file.
 #[derive(Clone, Debug)]
 struct Places {
     scene: Span,
@@ -123,12 +123,11 @@ struct Places {
 type Read<T> = Result<T, SceneError>;
 
 impl StudyFile {
-    /// Reads a study file and its scene's text, and checks the scene with the fixed changes; `more` are changes from
-    /// the command line, `measures` the names that the key of that name may hold, `variables` what paths of the scene may begin
-    /// with.
+    /// Reads a study file and its scene's text, and checks the scene with the fixed changes. `more`
+    /// are changes from the command line; `measures` are the valid names of the key `measures`.
     ///
     /// # Errors
-    /// The first thing that is wrong, with its place.
+    /// The first error with its place.
     pub fn read(
         path: &str,
         more: &[String],
@@ -154,10 +153,10 @@ impl StudyFile {
         Self::parse_with(&text, path, folder, more, measures, variables)
     }
 
-    /// As [`Self::read`], of a text; `folder` is where the path of the scene begins. No path begins with a variable.
+    /// The same as [`Self::read`] from a text; `folder` is the start of the scene's path.
     ///
     /// # Errors
-    /// The first thing that is wrong, with its place.
+    /// The first error with its place.
     pub fn parse(
         text: &str,
         path: &str,
@@ -263,10 +262,10 @@ impl StudyFile {
         self.vary.iter().any(|v| v.key == key)
     }
 
-    /// The scene with the fixed changes and these on top of them, in their order.
+    /// The scene with the fixed changes and these further changes, in order.
     ///
     /// # Errors
-    /// What the scene refuses, with the place of the value in the study file.
+    /// The errors of the scene, with the place of the value in the study file.
     pub fn scene_with(&self, changes: &[&Change]) -> Read<Content> {
         let scene = self
             .parsed(changes)
@@ -290,9 +289,9 @@ impl StudyFile {
         parse_content(text, name, &surroundings)
     }
 
-    /// An error of a scene, at the value of this file that it comes from; as it is where that is not known.
+    /// An error of a scene, moved to the value of this file that causes it, if known.
     fn placed(&self, error: SceneError, changes: &[&Change]) -> SceneError {
-        // Errors of the scene's own text that only these changes bring about name them.
+        // Errors of the scene's own text that only appear with these changes name the changes.
         if error.place().is_some() && !changes.is_empty() {
             return self.refused(changes, &error.terse());
         }
@@ -303,7 +302,7 @@ impl StudyFile {
         }
     }
 
-    /// The error of a combination that the scene or its meshes refuse, at the first of its values.
+    /// The error of a combination that the scene or its meshes reject, at the first of its values.
     pub fn refused(&self, changes: &[&Change], why: &str) -> SceneError {
         let span = changes.first().map_or(&self.at.vary, |c| &c.span);
         let all: Vec<String> = changes
@@ -332,7 +331,7 @@ impl StudyFile {
         SceneError::new(problem, key, span, &self.sources)
     }
 
-    /// A change from the command line would be lost where every run has a value of its own.
+    /// Rejects a change from the command line if every run has its own value.
     fn check_more(&self) -> Read<()> {
         for text in self.more.iter().filter(|_| self.combine == Combine::All) {
             let key = text.split('=').next().unwrap_or_default().trim();
@@ -349,7 +348,7 @@ impl StudyFile {
     }
 }
 
-/// The text of the scene: a file beside the study, else a built-in scene.
+/// The text of the scene: a file beside the study, otherwise a built-in scene.
 fn find(item: &Item<'_>, folder: &Path) -> Read<Written> {
     let name = item.text("press")?;
     let beside = folder.join(name);
@@ -421,7 +420,7 @@ fn combine(item: &Item<'_>) -> Read<Combine> {
     )
 }
 
-/// The changes of a section, whose keys may be dotted.
+/// The changes of a section with possibly dotted keys.
 fn changes(root: &Section<'_>, key: &str) -> Read<Vec<Change>> {
     let Some(item) = root.get(key) else {
         return Ok(Vec::new());
@@ -456,7 +455,7 @@ fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>
             node,
             ..item.clone()
         };
-        // One at a time, the fixed value is that of all other runs.
+        // With one change at a time, the fixed value is that of all other runs.
         let fixed = combine == Combine::All && set.iter().any(|c| c.key == key);
         if fixed || all.iter().any(|v| v.key == key) {
             let problem = Problem::DuplicateKey { key: shown(&key) };
@@ -492,7 +491,7 @@ fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>
     Ok(all)
 }
 
-/// Refuses more combinations than a study may have, counted without overflow.
+/// Rejects too many combinations; the count cannot overflow.
 fn count(item: &Item<'_>, combine: Combine, vary: &[Varied]) -> Read<()> {
     let lengths = vary.iter().map(|v| v.values.len());
     let found = match combine {
@@ -516,7 +515,7 @@ fn count(item: &Item<'_>, combine: Combine, vary: &[Varied]) -> Read<()> {
 /// A key, its place, and the value at it.
 type Leaf<'a> = (String, Span, &'a Node);
 
-/// The values of a section with their keys, dotted keys put together.
+/// The values of a section with their complete keys.
 fn leaves<'a>(item: &Item<'a>, is_leaf: &dyn Fn(&Node) -> bool) -> Read<Vec<Leaf<'a>>> {
     let Value::Table(table) = &item.node.value else {
         return item.fail(Problem::WrongType {
@@ -529,7 +528,7 @@ fn leaves<'a>(item: &Item<'a>, is_leaf: &dyn Fn(&Node) -> bool) -> Read<Vec<Leaf
     Ok(found)
 }
 
-/// The depth is bounded by that of the reader.
+/// The reader bounds the depth.
 fn gather<'a>(
     table: &'a Table,
     above: &str,
@@ -576,10 +575,10 @@ fn change(key: String, item: &Item<'_>) -> Read<Change> {
     })
 }
 
-/// A value as TOML, in one line; `None` for one that holds a date.
+/// A value as TOML in one line; `None` if it contains a date.
 fn toml_of(value: &Value) -> Option<String> {
     Some(match value {
-        // JSON's escapes are TOML's.
+        // The escapes of JSON are valid in TOML.
         Value::Text(text) => serde_json::to_string(text).ok()?,
         Value::Integer(number) => number.to_string(),
         // The shortest text that reads back to the same bits.

@@ -1,7 +1,7 @@
-//! The file as written: a tree of values, each with its place in the text it came from.
+//! The scene file as a tree of values, each with its place in the text.
 //!
-//! A scene may be put together from several texts (the file and overrides of the command line). All of them lie one
-//! behind the other in [`Sources`], so that one range of bytes names text, line and column.
+//! A scene can come from several texts (the file and overrides of the command line). All are
+//! concatenated in [`Sources`], so that one range of bytes identifies text, line and column.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,13 +12,13 @@ use toml::{Spanned, de::DeInteger};
 use super::error::{Problem, SceneError};
 use super::spelling::shown;
 
-/// Values may be nested so deep.
+/// Greatest depth of nested values.
 const DEEPEST: usize = 64;
 
 /// A range of bytes in [`Sources`].
 pub(super) type Span = Range<usize>;
 
-/// One text that a scene is read from.
+/// One text of a scene.
 #[derive(Clone, Debug)]
 struct Piece {
     name: Arc<str>,
@@ -26,7 +26,7 @@ struct Piece {
     start: usize,
 }
 
-/// All texts that a scene is read from.
+/// All texts of a scene.
 #[derive(Clone, Debug)]
 pub(super) struct Sources {
     first: Piece,
@@ -34,7 +34,7 @@ pub(super) struct Sources {
 }
 
 impl Sources {
-    /// Only the scene's own text.
+    /// The scene's own text only.
     pub(super) fn new(name: &str, text: &str) -> Self {
         Self {
             first: Piece {
@@ -46,7 +46,7 @@ impl Sources {
         }
     }
 
-    /// Adds a text and returns where it begins.
+    /// Adds a text and returns its start.
     pub(super) fn add(&mut self, name: &str, text: &str) -> usize {
         let last = self.more.last().unwrap_or(&self.first);
         // One byte apart, so that the end of one text is not the start of the next.
@@ -59,7 +59,7 @@ impl Sources {
         start
     }
 
-    /// Name and text that a span lies in, and the span in that text; then whether that is the scene's own text.
+    /// Name and text of a span, the span within that text, and whether it is the scene's own text.
     pub(super) fn locate(&self, span: &Span) -> (Arc<str>, Arc<str>, Span, bool) {
         let piece = self
             .more
@@ -78,14 +78,14 @@ impl Sources {
     }
 }
 
-/// A value and its place.
+/// A value with its place.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     pub(super) span: Span,
     pub(super) value: Value,
 }
 
-/// A value as TOML knows it.
+/// A TOML value.
 #[derive(Clone, Debug)]
 pub(super) enum Value {
     Text(String),
@@ -98,7 +98,7 @@ pub(super) enum Value {
 }
 
 impl Value {
-    /// What the value is, as messages call it.
+    /// Name of the kind in messages.
     pub(super) fn kind(&self) -> &'static str {
         match self {
             Self::Text(_) => "a text",
@@ -135,7 +135,7 @@ impl Table {
         self.entries.iter_mut().find(|e| e.key == key)
     }
 
-    /// Puts a value at a key, in place of one that stands there.
+    /// Sets the value of a key; replaces an existing one.
     pub(super) fn set(&mut self, key: &str, span: Span, node: Node) -> &mut Node {
         let at = match self.entries.iter().position(|e| e.key == key) {
             Some(at) => {
@@ -163,18 +163,18 @@ impl Table {
     }
 }
 
-/// Reads a whole document, the first text of `sources`.
+/// Reads a whole document from the first text of `sources`.
 pub(super) fn document(sources: &Sources) -> Result<Node, SceneError> {
     let text = sources.first.text.clone();
     let parsed = DeTable::parse(&text).map_err(|e| syntax(&e, &text, sources))?;
     let mut span = parsed.span();
-    // The document has no header; its first byte stands for what is missing in it.
+    // The document has no header; its first byte is the place of missing keys.
     span.end = span.start;
     let value = Value::Table(table(parsed.get_ref(), 0, 1, sources)?);
     Ok(Node { span, value })
 }
 
-/// Reads one value as TOML writes it, `None` if the text is no such value.
+/// Reads one TOML value; `None` if the text is none.
 pub(super) fn value(
     text: &str,
     offset: usize,
@@ -186,7 +186,7 @@ pub(super) fn value(
         .transpose()
 }
 
-/// The error of the TOML reader in our terms.
+/// The error of the TOML reader in the terms of this crate.
 fn syntax(error: &toml::de::Error, text: &str, sources: &Sources) -> SceneError {
     let span = error.span().unwrap_or(0..0);
     let found = text.get(span.clone()).unwrap_or_default();
@@ -258,7 +258,7 @@ fn table(
             node,
         });
     }
-    // The reader sorts keys by name; errors are to name the first in the file.
+    // The reader sorts keys by name; errors should name the first in the file.
     entries.sort_by_key(|e| e.span.start);
     Ok(Table { entries })
 }

@@ -1,12 +1,12 @@
-//! Quantities written with their unit, such as `"0.5 mm"` or `"20 kPa"`, read into SI units.
+//! Quantities with units, such as `"0.5 mm"` or `"20 kPa"`, converted to SI units.
 //!
-//! A unit is one of a fixed list for each [`Dimension`]; products are written with a space, `*` or `·`, powers with
-//! a digit, `^` or a superscript. Decimal prefixes shift the decimal exponent of the text before it is read, so
-//! `"83.56 mm"` has the same bits as `0.08356`.
+//! Each [`Dimension`] has a fixed list of units. Products use a space, `*` or `·`, powers a digit,
+//! `^` or a superscript. Decimal prefixes shift the decimal exponent of the text before its
+//! conversion, so `"83.56 mm"` has the same bits as `0.08356`.
 
 use std::fmt;
 
-/// What a quantity measures.
+/// Dimension of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Dimension {
     /// Length \[m\].
@@ -33,11 +33,12 @@ pub enum Dimension {
     Pressure,
     /// Acceleration [m/s^2].
     Acceleration,
-    /// Ratio without a dimension; the only one whose unit may be left out.
+    /// Ratio without a dimension; the only one with an optional unit.
     Ratio,
 }
 
-/// One unit: its spellings (the first is shown), its power of ten, and a factor for what is no power of ten.
+/// One unit: its spellings (the first is displayed), its power of ten, and a factor for other
+/// units.
 struct Unit {
     names: &'static [&'static str],
     power: i32,
@@ -142,7 +143,7 @@ const ACCELERATION: &[Unit] = &[
 const RATIO: &[Unit] = &[unit(&["%"], -2), unit(&["1", ""], 0)];
 
 impl Dimension {
-    /// Every dimension, in the order of the list above.
+    /// All dimensions, in the order above.
     pub const ALL: [Self; 13] = [
         Self::Length,
         Self::Volume,
@@ -193,7 +194,7 @@ impl Dimension {
         shown.join(", ")
     }
 
-    /// A quantity to show as an example of how one is written.
+    /// An example of a quantity, for messages.
     #[must_use]
     pub fn example(self) -> &'static str {
         match self {
@@ -234,7 +235,7 @@ impl fmt::Display for Dimension {
     }
 }
 
-/// Why a text is no quantity of the wanted dimension.
+/// Error of a text that is no quantity of the required dimension.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UnitError {
     /// The number has no unit.
@@ -242,17 +243,17 @@ pub enum UnitError {
     Bare {
         /// The number as written.
         number: String,
-        /// What was wanted.
+        /// The required dimension.
         dimension: Dimension,
     },
-    /// The unit is not one of the wanted dimension.
+    /// The unit does not belong to the required dimension.
     #[error("{}", wrong_unit(.unit, *.dimension, *.actual))]
     WrongUnit {
         /// The unit as written.
         unit: String,
-        /// What was wanted.
+        /// The required dimension.
         dimension: Dimension,
-        /// What the unit measures, if any dimension knows it.
+        /// The dimension of the unit, if any.
         actual: Option<Dimension>,
     },
     /// The text does not begin with a number.
@@ -260,7 +261,7 @@ pub enum UnitError {
     NoNumber {
         /// The text as written, shortened.
         text: String,
-        /// What was wanted.
+        /// The required dimension.
         dimension: Dimension,
     },
     /// The number is infinite or not a number.
@@ -269,7 +270,7 @@ pub enum UnitError {
         /// The text as written, shortened.
         text: String,
     },
-    /// The number is too large for double precision, or so small that it would become zero.
+    /// The number overflows or underflows in double precision.
     #[error("`{text}` is too large or too small to be represented")]
     Overflow {
         /// The text as written, shortened.
@@ -278,7 +279,7 @@ pub enum UnitError {
 }
 
 impl UnitError {
-    /// What to do about it.
+    /// Advice for the user.
     #[must_use]
     pub fn help(&self) -> String {
         match self {
@@ -310,7 +311,8 @@ fn wrong_unit(unit: &str, dimension: Dimension, actual: Option<Dimension>) -> St
 /// Reads a quantity such as `"0.5 mm"` into the SI unit of its dimension.
 ///
 /// # Errors
-/// A number without a unit, a unit of another dimension or of none, no number, or a number that is not finite.
+/// A number without a unit, an unknown unit or one of another dimension, no number, or a number
+/// that is not finite.
 ///
 /// ```
 /// use pliant::scene::units::{Dimension, parse};
@@ -369,11 +371,11 @@ fn find(name: &str, dimension: Dimension) -> Result<&'static Unit, UnitError> {
     })
 }
 
-/// One spelling for products and powers: `N m` and `N·m` become `N*m`, `m/s^2` and `m/s²` become `m/s2`.
+/// Normalises products and powers: `N m` and `N·m` become `N*m`, `m/s^2` and `m/s²` become `m/s2`.
 fn normalised(name: &str) -> String {
     let mut plain = String::with_capacity(name.len());
     for word in name.split_whitespace() {
-        // A space next to a sign that already joins two units is no product of its own.
+        // A space next to a sign that already joins two units is no product.
         let joined = plain.is_empty()
             || plain.ends_with(['*', '/'])
             || word.starts_with(['*', '·', '/', '^']);
@@ -395,7 +397,7 @@ fn normalised(name: &str) -> String {
     plain
 }
 
-/// Splits a text behind its leading decimal number, `None` if it has none.
+/// Splits a text after its leading decimal number; `None` without one.
 fn split_number(text: &str) -> Option<(&str, &str)> {
     let bytes = text.as_bytes();
     let digits = |mut at: usize| {
@@ -418,7 +420,7 @@ fn split_number(text: &str) -> Option<(&str, &str)> {
     if matches!(bytes.get(end), Some(b'e' | b'E')) {
         let sign = usize::from(matches!(bytes.get(end + 1), Some(b'+' | b'-')));
         let last = digits(end + 1 + sign);
-        // Without a digit the `e` begins a unit.
+        // Without a digit the `e` starts a unit.
         if last > end + 1 + sign {
             end = last;
         }
@@ -434,7 +436,8 @@ fn mantissa(number: &str) -> &str {
 /// `number * 10^power`, rounded once.
 fn shifted(number: &str, power: i32) -> f64 {
     let exponent = number.split(['e', 'E']).nth(1).unwrap_or("0");
-    // Beyond i32 the value is infinite or zero whatever the power, but for mantissas of millions of digits.
+    // Beyond i32 the value is infinite or zero for any power, except for mantissas of millions of
+    // digits.
     let exponent: i64 = exponent
         .parse::<i32>()
         .unwrap_or(if exponent.starts_with('-') {

@@ -1,4 +1,4 @@
-//! The meshes that a scene names, read, scaled, refined.
+//! The meshes of a scene: read, scaled, repaired, refined.
 
 use std::sync::Arc;
 
@@ -12,31 +12,31 @@ use crate::mesh::topology::Topology;
 use crate::mesh::{TriangleMesh, refine, repair, shapes};
 use crate::scene::{Area, Scene, Source};
 
-/// A muscle as read.
+/// A muscle as read from its source.
 #[derive(Clone, Debug)]
 pub struct MuscleAsset {
-    /// Its surface, refined if that was asked for; no triangles for a body of edges alone.
+    /// Surface, refined if the scene requires it; without triangles for a body of edges alone.
     pub mesh: TriangleMesh,
     /// Edges of a body without triangles.
     pub edges: Vec<[u32; 2]>,
-    /// Polylines along its fibres [m].
+    /// Polylines along the fibres [m].
     pub fibres: Vec<Vec<Point3<f64>>>,
-    /// What reading and refining changed, in words.
+    /// Notes on the changes by reading and refining.
     pub notes: Vec<String>,
 }
 
-/// Every mesh of a scene.
+/// All meshes of a scene.
 #[derive(Clone, Debug)]
 pub struct Assets {
     /// Bones, in the scene's order.
     pub bones: Vec<TriangleMesh>,
-    /// What reading and repairing changed in each bone, in words.
+    /// Notes on the changes of each bone by reading and repair.
     pub bone_notes: Vec<Vec<String>>,
     /// Muscles, in the scene's order.
     pub muscles: Vec<MuscleAsset>,
-    /// Attachment patches, for each muscle and each attachment; `None` where the area is no patch.
+    /// Attachment patches of each muscle and attachment; `None` where the area is no patch.
     pub patches: Vec<Vec<Option<TriangleMesh>>>,
-    /// What simulations made of them, shared by all copies.
+    /// Data derived from the meshes, shared by all copies.
     pub(super) ready: Arc<Ready>,
 }
 
@@ -67,7 +67,7 @@ pub(super) fn read_scaled(source: &Source) -> Result<MeshFile, LoadError> {
     }
 }
 
-/// A mesh that must have triangles; `key` is the section that names it, `from` the key of a file there.
+/// A mesh that must have triangles. `key` is the section of the mesh, `from` the key of its file.
 fn surface(
     scene: &Scene,
     source: &Source,
@@ -90,7 +90,7 @@ fn surface(
     Ok(mesh)
 }
 
-/// The mesh after the repair that was asked for, if any; never silently.
+/// The mesh after the repair of the scene, if any, with notes on every change.
 pub(super) fn mended(
     mesh: TriangleMesh,
     options: Option<&repair::Options>,
@@ -122,7 +122,7 @@ pub(super) fn mended(
     repaired.mesh
 }
 
-/// The key that names a mesh.
+/// The key of a mesh.
 pub(super) fn named_at(source: &Source, key: &str, from: &str) -> String {
     match source {
         Source::File { .. } => format!("{key}.{from}"),
@@ -131,10 +131,10 @@ pub(super) fn named_at(source: &Source, key: &str, from: &str) -> String {
 }
 
 impl Assets {
-    /// Reads everything that `scene` names.
+    /// Reads all meshes of `scene`.
     ///
     /// # Errors
-    /// A file that cannot be read, or that does not hold what the scene needs.
+    /// A file that cannot be read, or that lacks something the scene needs.
     pub fn load(scene: &Scene) -> Result<Self, LoadError> {
         let all = |count: usize| (0..count).into_par_iter();
         let bones = || {
@@ -148,7 +148,7 @@ impl Assets {
                 .collect::<Vec<_>>()
         };
         let (muscles, bones) = rayon::join(muscles, bones);
-        // Of several errors always the same one is told, whichever was met first.
+        // Of several errors the first in scene order is reported, independent of timing.
         let bones: Vec<(TriangleMesh, Vec<String>)> =
             bones.into_iter().collect::<Result<_, _>>()?;
         let muscles = muscles.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -166,7 +166,7 @@ impl Assets {
         })
     }
 
-    /// The same meshes, of which nothing has been made yet.
+    /// The same meshes without derived data.
     #[must_use]
     pub fn unprepared(&self) -> Self {
         Self {
@@ -175,11 +175,11 @@ impl Assets {
         }
     }
 
-    /// Whether these meshes also do for `scene`, which names the same ones and may call for other effects than the scene that
-    /// they were read for.
+    /// Checks that these meshes are suitable for `scene`, which has the same meshes and possibly
+    /// other effects than the scene for which they were read.
     ///
     /// # Errors
-    /// A volume is to be kept by a surface that encloses none.
+    /// A volume constraint on a surface that encloses no volume.
     pub fn suit(&self, scene: &Scene) -> Result<(), LoadError> {
         for (m, (muscle, asset)) in scene.muscles.iter().zip(&self.muscles).enumerate() {
             if scene.effects.volume.is_some() && asset.edges.is_empty() {
@@ -320,7 +320,7 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
     })
 }
 
-/// What keeps a surface from enclosing a volume.
+/// Checks that a surface encloses a volume.
 fn check_closed(mesh: &TriangleMesh, topology: &Topology) -> Result<(), Fault> {
     if let edges @ [first, ..] = topology.boundary_edges().as_slice() {
         return Err(Fault::OpenBoundary {
@@ -343,7 +343,7 @@ fn check_closed(mesh: &TriangleMesh, topology: &Topology) -> Result<(), Fault> {
     }
     match mesh.volume() {
         volume if volume > 0.0 => Ok(()),
-        // Not a number, too: coordinates whose cubes are too large for a double.
+        // Also NaN: coordinates whose cubes overflow.
         volume => Err(Fault::InsideOut { volume }),
     }
 }

@@ -1,5 +1,5 @@
-//! What a written frame really holds: vertices inside bones and bone vertices inside muscles, counted by exact
-//! winding numbers, independently of the contact code.
+//! Independent audit of a written frame: vertices inside bones and bone vertices inside muscles, by
+//! exact winding numbers, without the contact code.
 
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
@@ -9,10 +9,10 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::inside::Inside;
 use crate::mesh::measures::greatest;
 
-/// A vertex less deep than this [m] counts as touching.
+/// A vertex at a smaller depth [m] counts as touching.
 pub const DEPTH: f64 = 1e-5;
 
-/// Findings for one muscle in one frame.
+/// Findings of one muscle in one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Findings {
     /// Free vertices deeper than [`DEPTH`] in a bone.
@@ -23,7 +23,7 @@ pub struct Findings {
     pub depth: f64,
 }
 
-/// A bone as the audit needs it.
+/// A bone prepared for the audit.
 pub struct Bone<'a> {
     inside: Inside<'a>,
     surface: &'a Surface,
@@ -31,7 +31,7 @@ pub struct Bone<'a> {
 }
 
 impl<'a> Bone<'a> {
-    /// Prepares a bone; `surface` gives only the depth of what `mesh` is found to contain.
+    /// Prepares a bone; `surface` only gives the depth of vertices that `mesh` contains.
     pub fn new(mesh: &'a TriangleMesh, surface: &'a Surface) -> Self {
         Self {
             inside: Inside::new(&mesh.vertices, &mesh.triangles),
@@ -41,7 +41,8 @@ impl<'a> Bone<'a> {
     }
 }
 
-/// Examines a muscle with vertices `x` among bones at their poses; `free` tells which vertices are not held.
+/// Examines a muscle with vertices `x` among bones at their poses; `free` is true for vertices that
+/// are not fixed.
 pub fn examine(
     x: &[Point3<f64>],
     triangles: &[[u32; 3]],

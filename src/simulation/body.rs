@@ -1,4 +1,4 @@
-//! A muscle made ready to run: only what its plan names is built.
+//! A muscle prepared for the simulation, with only the effects of its plan.
 
 use std::sync::Arc;
 
@@ -26,10 +26,10 @@ use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, Held, Settings, System, stiffness};
 use crate::state::{Corrupt, Reader, State, Writer};
 
-/// A muscle vertex may not be faster than this many muscle lengths a second.
+/// Greatest speed of a muscle vertex, in muscle lengths per second.
 const SPEED_LIMIT: f64 = 200.0;
 
-/// An edge so many times as long as its muscle at rest was torn.
+/// An edge of this multiple of the muscle's rest length is torn.
 const TORN: f64 = 10.0;
 
 /// How a step computes the positions of a muscle.
@@ -42,45 +42,45 @@ pub enum Method {
     Tracked(Box<Tracked>),
 }
 
-/// A muscle that runs.
+/// A muscle in the simulation.
 pub struct Body {
-    /// Its name.
+    /// Name of the muscle.
     pub name: String,
     /// State and effects.
     pub system: System,
-    /// Surface at rest, after untangling.
+    /// Surface at rest, after the removal of overlap.
     pub rest: TriangleMesh,
     /// Edges with their rest lengths [m].
     pub edges: Vec<Distance>,
     /// How a step computes its positions.
     pub method: Method,
-    /// Vertices held by bones.
+    /// Vertices attached to bones.
     pub attached: Vec<Attached>,
     /// Fibres bound to the surface.
     pub fibres: BoundLines,
-    /// What untangling did.
+    /// Measures of the removal of overlap.
     pub untangled: Untangled,
-    /// Volume wanted [m^3]; 0 where none is kept.
+    /// Target volume [m^3]; 0 without a volume constraint.
     pub target_volume: f64,
     /// Enclosed volume of the rest surface [m^3].
     pub rest_volume: f64,
     /// Greatest extent at rest [m].
     pub length: f64,
-    /// Median rest length of its edges [m].
+    /// Median rest length of the edges [m].
     pub edge_length: f64,
-    /// The frame and cause at which it was stopped.
+    /// Frame and cause of a stop.
     pub stopped: Option<(usize, Broken)>,
-    /// Whether edges resist being stretched.
+    /// True if edges resist stretching.
     resists_stretch: bool,
-    /// Positions and velocities at the end of the last good frame.
+    /// Positions and velocities at the end of the last valid frame.
     pub(super) good: Particles,
 }
 
 impl Body {
-    /// Builds a muscle; `placed` are all obstacles at frame 0.
+    /// Creates a muscle; `placed` are all obstacles at frame 0.
     ///
     /// # Errors
-    /// An attachment that takes nothing, too much, or vertices that do not exist.
+    /// An attachment with no vertices, too many, or vertices that do not exist.
     pub fn new(
         scene: &Scene,
         assets: &Assets,
@@ -187,7 +187,7 @@ impl Body {
         })
     }
 
-    /// Steps by `dt` [s] while the bones go to where they are `placed`.
+    /// Makes a step of `dt` [s] while the bones move to their poses in `placed`.
     ///
     /// # Errors
     /// A number that is not finite appeared.
@@ -219,14 +219,16 @@ impl Body {
         }
     }
 
-    /// Estimate of the solver's error [m], RMS over the vertices, from the greatest residual [m]: a residual adds up
-    /// along a muscle, so it is taken times twice the edges along the length.
+    /// Estimated RMS error of the solver over the vertices [m], from the greatest residual [m]. A
+    /// residual adds up along a muscle, so it is multiplied by twice the number of edges along the
+    /// length.
     pub fn error_estimate(&self, residual_max_m: f64) -> f64 {
         2.0 * self.length / self.edge_length * residual_max_m
     }
 
-    /// A vertex that was torn away, where stretch acts: an edge is longer than ten times the muscle at rest, or so far
-    /// off that its length is rounding. Contact with triangles of that size would take minutes a frame.
+    /// A torn vertex, if stretch acts: an edge is longer than ten times the muscle at rest, or so
+    /// distant that its length is rounding error. Contact with such triangles would take minutes
+    /// per frame.
     pub fn torn(&self) -> Option<usize> {
         if !self.resists_stretch {
             return None;
@@ -235,7 +237,7 @@ impl Body {
         let is_torn = |e: &&Distance| {
             let [a, b] = e.points.map(|p| x[p as usize]);
             let reach = (a - b).norm();
-            // Not `>`, which a NaN would pass.
+            // Not `>`, which is false for NaN.
             !(reach <= TORN * self.length)
                 || !(a.coords.amax() * f64::EPSILON <= 1e-3 * self.edge_length)
         };
@@ -245,13 +247,13 @@ impl Body {
             .map(|e| e.points[0] as usize)
     }
 
-    /// Whether vertex `v` is not held by a bone.
+    /// True if vertex `v` is not fixed by a bone.
     pub fn is_free(&self, v: usize) -> bool {
         self.system.particles.inverse_mass[v] > 0.0
     }
 }
 
-/// Of checkpoints: see [`crate::simulation::checkpoint`].
+/// State for checkpoints: see [`crate::simulation::checkpoint`].
 impl Body {
     pub(super) fn save(&self, to: &mut Writer) {
         let Self {
@@ -286,7 +288,7 @@ impl Body {
             equilibrium.save(to);
         }
         to.put(stopped);
-        // A frame ends with both the same, unless somebody moved particles since.
+        // A frame ends with both equal, unless particles were moved since.
         let differs = !same_bits(good, &system.particles);
         to.put(&differs);
         if differs {
@@ -294,7 +296,7 @@ impl Body {
         }
     }
 
-    /// Takes the state among the obstacles as they are `placed` then.
+    /// Restores the state among obstacles at the poses `placed`.
     pub(super) fn restore(
         &mut self,
         from: &mut Reader<'_>,
@@ -318,7 +320,7 @@ impl Body {
         Ok(())
     }
 
-    /// Contact may have begun with obstacles that the plan did not foresee.
+    /// Creates the contact with obstacles outside the plan, if the saved state has them.
     fn restore_contact(
         &mut self,
         from: &mut Reader<'_>,
@@ -367,7 +369,7 @@ fn same_bits(a: &Particles, b: &Particles) -> bool {
     positions && a.velocity.iter().zip(&b.velocity).all(|(a, b)| same(a, b))
 }
 
-/// Contact at the start; what is near is known already, unless vertices are displaced.
+/// Contact at the start; the nearest points are already known, unless vertices are displaced.
 fn contacts(
     rest: &Rest,
     particles: &Particles,
@@ -403,7 +405,7 @@ fn contacts(
     )
 }
 
-/// Why a muscle has no equilibrium that could be computed.
+/// The error for a muscle without a computable equilibrium.
 fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
     let part = format!("muscle `{}`", scene.muscles[m].name);
     let fault = match error {
@@ -430,7 +432,7 @@ fn settings(scene: &Scene, length: f64) -> Settings {
     }
 }
 
-/// The time of a step [s].
+/// Length of a step [s].
 fn time_step(scene: &Scene) -> f64 {
     1.0 / (scene.frame_rate * f64::from(scene.solver.substeps()))
 }
@@ -613,7 +615,7 @@ fn attach(
     }
     let attached = attachments::join(&choices);
     let count = mesh.vertices.len();
-    // A handful of points (the tetrahedron scenes) may be held by choice.
+    // A body of few points (the tetrahedron scenes) can be held deliberately.
     if attached.len() as f64 > scene.most_held * count as f64 && count > 100 {
         let fault = Fault::TooManyAttached {
             held: attached.len(),
@@ -629,7 +631,7 @@ fn attach(
     Ok(attached)
 }
 
-/// Refuses an index beyond the mesh, with its number in the list.
+/// Rejects an index beyond the mesh, with its position in the list.
 fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize, Fault)> {
     match list.iter().position(|&v| v as usize >= count) {
         Some(at) => Err((
@@ -663,7 +665,8 @@ fn inverse_masses(muscle: &Muscle, mesh: &TriangleMesh) -> Vec<f64> {
         Mass::Density(density) => {
             let areas = mesh.vertex_areas();
             let total: f64 = crate::mesh::sum::tree_sum(&areas);
-            // An open or flat surface encloses nothing: as if it were a tenth of its size thick.
+            // An open or flat surface encloses no volume: assumes a thickness of a tenth of its
+            // size.
             let volume = mesh.volume();
             let volume = if volume > 0.0 {
                 volume

@@ -1,4 +1,4 @@
-//! Checkpoints: a simulation between two frames as bytes, from which it goes on with the same bits.
+//! Checkpoints: a simulation between two frames as bytes; it resumes with the same bits.
 //!
 //! | part | bytes |
 //! |---|---|
@@ -7,11 +7,11 @@
 //! | version of the crate | length (64 bits), UTF-8 |
 //! | length of all but the checksum | 64 bits |
 //! | fingerprint | a list of names and 128-bit hashes |
-//! | state | length, bytes: frame, notes, muscle by muscle what later steps depend on |
-//! | beside | length, bytes that the caller gave, for what it gathered itself |
+//! | state | length, bytes: frame, notes, and for each muscle the data of later steps |
+//! | beside | length, additional bytes of the caller |
 //! | checksum | FNV-1a of all before, 128 bits |
 //!
-//! Threads and lanes are no part of it, since no bit depends on them; nor is the clock.
+//! Threads, lanes and the clock are not part of a checkpoint, since no bit depends on them.
 
 mod fingerprint;
 
@@ -22,24 +22,24 @@ use crate::state::{Corrupt, Hash, Reader, State, Writer};
 
 const MAGIC: &[u8; 8] = b"PLIANTCP";
 
-/// Counts up whenever bytes get another meaning.
+/// Format version, to be incremented whenever the meaning of bytes changes.
 const FORMAT: u32 = 2;
 
-/// The version of the crate that wrote a checkpoint: others may compute other bits.
+/// Version of the crate that wrote a checkpoint: other versions can compute other bits.
 const CRATE: &str = env!("CARGO_PKG_VERSION");
 
 const CHECKSUM: usize = 16;
 
-/// A longer text is no version.
+/// Greatest length of a version text [bytes].
 const LONGEST_VERSION: usize = 64;
 
-/// Why a simulation cannot go on from some bytes.
+/// The reason why a checkpoint is rejected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
-    /// The bytes begin otherwise.
+    /// The first bytes are not those of a checkpoint.
     #[error("it is no checkpoint: it does not begin with `PLIANTCP`")]
     NoCheckpoint,
-    /// Another version wrote it.
+    /// Another version of the crate wrote it.
     #[error(
         "it was written by pliant {by} (format {format}); this is pliant {CRATE} (format {FORMAT})"
     )]
@@ -49,34 +49,34 @@ pub enum Refused {
         /// Version of its format.
         format: u32,
     },
-    /// Bytes are missing or more than there should be.
+    /// The number of bytes is wrong.
     #[error("it is damaged: {found} bytes where {wanted} are wanted")]
     Length {
-        /// Bytes there are.
+        /// Number of bytes present.
         found: usize,
-        /// Bytes that it says it has; `None` where not even that is there.
+        /// Number of bytes declared; `None` if that is missing too.
         wanted: Wanted,
     },
-    /// Some byte changed.
+    /// The checksum does not match.
     #[error("it is damaged: its checksum is not that of its bytes")]
     Checksum,
-    /// It is of something else.
+    /// The checkpoint belongs to another simulation.
     #[error("it is of another simulation, which differs in {}", list(.0))]
     Differs(Vec<String>),
-    /// It is of a later frame than the last that is wanted.
+    /// The frame of the checkpoint is after the last frame of the scene.
     #[error("it is of frame {frame}, beyond the last wanted, {frames}")]
     Beyond {
-        /// Its frame.
+        /// Frame of the checkpoint.
         frame: usize,
         /// The last frame of the scene.
         frames: usize,
     },
-    /// The bytes are as they were written, but make no sense.
+    /// The bytes match their checksum, but are invalid.
     #[error("it is damaged: {0}")]
     Corrupt(#[from] Corrupt),
 }
 
-/// A number of bytes, as far as it is known.
+/// A number of bytes, if known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wanted(Option<u64>);
 
@@ -89,7 +89,7 @@ impl std::fmt::Display for Wanted {
     }
 }
 
-/// The first few of some names.
+/// The first few names of a list.
 fn list(names: &[String]) -> String {
     const SHOWN: usize = 4;
     let mut text = names
@@ -104,7 +104,7 @@ fn list(names: &[String]) -> String {
     text
 }
 
-/// The checkpoint of a simulation, with bytes to be kept `beside` it.
+/// The checkpoint of a simulation, with additional bytes `beside`.
 #[must_use]
 pub fn save(simulation: &Simulation, fingerprint: &Fingerprint, beside: &[u8]) -> Vec<u8> {
     let mut writer = Writer::default();
@@ -130,7 +130,7 @@ fn set(bytes: &mut [u8], at: usize, number: usize) {
     bytes[at..at + 8].copy_from_slice(&(number as u64).to_le_bytes());
 }
 
-/// Puts the checksum behind bytes.
+/// Appends the checksum to bytes.
 #[must_use]
 pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
     let hash = Hash::of(&bytes);
@@ -138,20 +138,20 @@ pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// A checkpoint whose version and checksum are right.
+/// A checkpoint with the right version and checksum.
 #[derive(Clone, Debug)]
 pub struct Checkpoint<'a> {
     fingerprint: Fingerprint,
     state: &'a [u8],
-    /// What was kept beside it.
+    /// Additional bytes of the caller.
     pub beside: &'a [u8],
 }
 
 impl<'a> Checkpoint<'a> {
-    /// Looks at bytes.
+    /// Opens a checkpoint.
     ///
     /// # Errors
-    /// They are no checkpoint, or that of another version, or damaged.
+    /// Bytes that are no checkpoint, of another version, or damaged.
     pub fn open(bytes: &'a [u8]) -> Result<Self, Refused> {
         let body = bytes.strip_prefix(MAGIC).ok_or(Refused::NoCheckpoint)?;
         let short = |wanted| Refused::Length {
@@ -189,19 +189,19 @@ impl<'a> Checkpoint<'a> {
         })
     }
 
-    /// The frame after which it was written.
+    /// The frame after which the checkpoint was written.
     ///
     /// # Errors
-    /// There is none in it.
+    /// The frame is missing.
     pub fn frame(&self) -> Result<usize, Refused> {
         Ok(Reader::new(self.state).take()?)
     }
 
-    /// Puts a simulation made from the same scene, of which this is the `fingerprint`, where it was.
+    /// Restores the state of a simulation from the same scene; `fingerprint` is that of the scene.
     ///
     /// # Errors
-    /// It is of another scene, of a frame that is not wanted, or makes no sense; in the last case `simulation` is of no use
-    /// any more.
+    /// A checkpoint of another scene, of a frame after the last, or with an invalid state. After
+    /// the last of these `simulation` must not be used.
     pub fn restore(
         &self,
         simulation: &mut Simulation,

@@ -1,4 +1,5 @@
-//! A muscle whose energy is minimised at every step, with or without inertia, the bones its guard.
+//! Energy minimisation of a muscle at every step, with or without inertia, with the bones as
+//! obstacles.
 
 use nalgebra::{Point3, Vector3};
 
@@ -14,26 +15,27 @@ use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, System};
 use crate::state::{Corrupt, Reader, State, Writer};
 
-/// A vertex touches a bone where it has no more room than this many contact thicknesses.
+/// Greatest distance of a touching vertex from a bone, in contact thicknesses.
 const TOUCHING: f64 = 0.02;
 
-/// A muscle's equilibrium, followed from step to step.
+/// The equilibrium of a muscle over time.
 pub struct Equilibrium {
     solver: QuasiStatic,
-    /// The last step's end.
+    /// Result of the last step.
     pub outcome: Outcome,
-    /// Iterations of all steps so far.
+    /// Number of iterations of all steps so far.
     pub iterations: u64,
-    /// Greatest residual of the frame's steps, as a share of the force of a strain of one.
+    /// Greatest residual of the frame's steps, relative to the force of unit strain.
     pub residual: f64,
     scratch: Particles,
 }
 
 impl Equilibrium {
-    /// Prepares a muscle with `particles` at rest; with a time `step` [s] for implicit Euler, else for equilibrium.
+    /// Prepares a muscle with `particles` at rest: with a time `step` [s] for implicit Euler,
+    /// without one for equilibrium.
     ///
     /// # Errors
-    /// A part of it that nothing holds, or no memory.
+    /// A part of the muscle without a fixed vertex, or too little memory.
     pub(super) fn new(
         (elastic, volume): (Vec<Box<dyn Potential>>, Option<EnclosedVolume>),
         particles: &Particles,
@@ -75,21 +77,21 @@ impl Equilibrium {
         })
     }
 
-    /// Its energy, to be changed between steps.
+    /// The energy, for changes between steps.
     pub(super) fn energy_mut(&mut self) -> &mut Energy {
         &mut self.solver.problem.energy
     }
 
-    /// A new frame begins.
+    /// Begins a frame.
     pub(super) fn begin_frame(&mut self) {
         self.residual = 0.0;
     }
 
-    /// Follows the bones to where they are now and minimises there; velocities become zero, or with inertia those of
-    /// the step of `dt` [s].
+    /// Moves with the bones to their present poses and minimises the energy. Velocities become
+    /// zero, or with inertia those of the step of `dt` [s].
     ///
     /// # Errors
-    /// A number that is not finite; the body is as it was before.
+    /// A number that is not finite; the body is restored to the state before.
     pub(super) fn step(
         &mut self,
         system: &mut System,
@@ -124,7 +126,7 @@ impl Equilibrium {
                     scratch: &mut self.scratch,
                 };
                 self.solver.follow(x, &held, &mut guard);
-                // A bone may have moved though nothing that it holds did.
+                // A bone can move without any of its attached vertices.
                 if guard.moves() {
                     let before = x.clone();
                     guard.push(&before, x);
@@ -184,7 +186,7 @@ impl State for Equilibrium {
     }
 }
 
-/// Weight and given forces on each vertex [N]; empty where there is none.
+/// Weight and given forces on each vertex [N]; empty without any.
 fn forces(
     particles: &Particles,
     loads: &[(u32, Vector3<f64>)],
@@ -207,7 +209,7 @@ fn forces(
     all
 }
 
-/// The bones keep a muscle out while its solver tries positions.
+/// Bones as obstacles during the solver's trials.
 struct Bones<'a> {
     contacts: &'a mut Contacts,
     placed: Vec<PosedObstacle>,
@@ -239,7 +241,7 @@ impl Guard for Bones<'_> {
     fn accept(&mut self, x: &[Point3<f64>]) {
         self.scratch.position.copy_from_slice(x);
         self.contacts.end_step(&self.placed, self.scratch, 1.0);
-        // From here on the bones stand still.
+        // The bones do not move from here on.
         self.placed.iter_mut().for_each(|p| p.before = p.now);
     }
 }

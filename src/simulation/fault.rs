@@ -1,33 +1,33 @@
-//! Why what a scene names cannot be used, with the line of the scene that names it.
+//! Errors of the meshes and attachments of a scene, with the line of the scene that causes them.
 
 use crate::io::ReadError;
 use crate::scene::{Origin, Problem, Scene, SceneError};
 use crate::skin::SkinError;
 use crate::springs::lattice::LatticeError;
 
-/// What is wrong with a mesh or an attachment of a scene.
+/// Kinds of errors of a mesh or an attachment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Fault {
-    /// E020: an index list names a vertex that the muscle does not have.
+    /// E020: an index list contains a vertex that the muscle does not have.
     #[error("vertex {index} does not exist: the muscle has {count} vertices{}", if *.refined { " after refinement, which renumbers them" } else { "" })]
     NoSuchVertex {
         /// The index.
         index: u32,
         /// Number of vertices.
         count: usize,
-        /// Whether the mesh was refined.
+        /// True if the mesh was refined.
         refined: bool,
     },
-    /// E030: an edge with more than two triangles, where a volume is to be kept.
+    /// E030: an edge with more than two triangles, with a volume constraint.
     #[error("edges with more than two triangles: {count}, the first between the vertices {} and {}", .edge[0], .edge[1])]
     NonManifoldEdge {
         /// Number of such edges.
         count: usize,
-        /// The vertices of the first.
+        /// The vertices of the first such edge.
         edge: [u32; 2],
     },
-    /// E031: two neighbours that face opposite sides, where a volume is to be kept.
+    /// E031: two neighbours with opposite orientations, with a volume constraint.
     #[error("neighbours that do not agree in orientation: {count} pairs, the first the triangles {} and {}", .triangles[0], .triangles[1])]
     InconsistentOrientation {
         /// Number of such pairs.
@@ -35,70 +35,70 @@ pub enum Fault {
         /// The first pair.
         triangles: [u32; 2],
     },
-    /// E032: an edge with one triangle, where a volume is to be kept.
+    /// E032: an edge with one triangle, with a volume constraint.
     #[error("edges with only one triangle: {count}, the first between the vertices {} and {}", .edge[0], .edge[1])]
     OpenBoundary {
         /// Number of such edges.
         count: usize,
-        /// The vertices of the first.
+        /// The vertices of the first such edge.
         edge: [u32; 2],
     },
-    /// E038: a surface whose triangles turn inward, where a volume is to be kept.
+    /// E038: a surface that is inside out, with a volume constraint.
     #[error("the enclosed volume is {volume:e} m3: triangles turn inward")]
     InsideOut {
-        /// The volume with its sign [m^3].
+        /// The signed volume [m^3].
         volume: f64,
     },
-    /// E046: a mesh without triangles, but what it is for needs some.
+    /// E046: a mesh without triangles where some are needed.
     #[error("{file} holds no triangles")]
     NoTriangles {
-        /// The file or shape.
+        /// Name of the file or shape.
         file: String,
     },
-    /// E047: a mesh file without polylines, where fibres are read.
+    /// E047: a mesh file without polylines as a source of fibres.
     #[error("{file} holds no lines")]
     NoLines {
-        /// The file.
+        /// Name of the file.
         file: String,
     },
-    /// E070: the wanted edge length cannot be had.
+    /// E070: the target edge length is impossible.
     #[error("cannot refine to the wanted edge length: {why}")]
     Refine {
-        /// Why.
+        /// The cause.
         why: String,
     },
-    /// E071: a patch has fewer components than asked for.
+    /// E071: a patch has fewer components than the index requires.
     #[error("{file} has no component {wanted} (components are counted from 0, by falling area)")]
     NoSuchComponent {
-        /// The patch.
+        /// File of the patch.
         file: String,
-        /// The component.
+        /// Index of the component.
         wanted: usize,
     },
-    /// E072: an attachment found no vertex.
+    /// E072: an attachment contains no vertex.
     #[error("no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away")]
     NothingAttached {
         /// Distance of the nearest vertex [mm].
         nearest_mm: f64,
     },
-    /// E073: more of a muscle is held than can be.
+    /// E073: too many vertices of a muscle are attached.
     #[error("{held} of {count} vertices are held, more than 10 %")]
     TooManyAttached {
-        /// Vertices held.
+        /// Number of attached vertices.
         held: usize,
-        /// Vertices in all.
+        /// Number of all vertices.
         count: usize,
     },
-    /// E074: a part of a muscle that nothing holds has no place of its own at rest.
+    /// E074: a part of a muscle has no attachment, so its equilibrium is not unique.
     #[error("a part of it is held by nothing, so its equilibrium has no place of its own")]
     Unheld,
-    /// E075: the factor of the muscle's matrix does not fit into memory.
+    /// E075: the matrix factor of the muscle does not fit into memory.
     #[error("a factor of {bytes} bytes does not fit into memory")]
     FactorTooLarge {
         /// Size of the factor [bytes].
         bytes: usize,
     },
-    /// E076: an implant or a ball does not go under the skin.
+    /// E076: an implant or a ball does not fit under the skin.
     #[error(transparent)]
     Skin(#[from] SkinError),
     /// E077: a lattice cannot be built.
@@ -107,7 +107,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The code, the same for each fault of one kind.
+    /// The code, equal for all faults of one kind.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -129,7 +129,7 @@ impl Fault {
         }
     }
 
-    /// What to do about it.
+    /// Advice for the user.
     #[must_use]
     pub fn help(&self) -> String {
         match self {
@@ -160,35 +160,35 @@ impl Fault {
     }
 }
 
-/// Why a scene's meshes cannot be used.
+/// The reason why a scene's meshes cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum LoadError {
-    /// A file cannot be read as a mesh.
+    /// A file is no readable mesh.
     #[error("{0}")]
     Read(#[from] Box<ReadError>),
-    /// What was read does not do.
+    /// A part of the scene is unusable.
     #[error("{0}")]
     Unfit(Box<Unfit>),
 }
 
-/// A part of a scene that cannot be used.
+/// An unusable part of a scene.
 #[derive(Debug, thiserror::Error)]
 #[error("{part}: {fault}")]
 pub struct Unfit {
-    /// Which part, by its name.
+    /// Name of the part.
     pub part: String,
-    /// What is wrong with it.
+    /// The fault of the part.
     pub fault: Fault,
     placed: SceneError,
 }
 
 impl LoadError {
-    /// A fault of the part that stands at `key` in the scene's text.
+    /// A fault of the part at `key` in the scene's text.
     pub(super) fn new(scene: &Scene, key: &str, part: String, fault: Fault) -> Self {
         Self::at(&scene.origin, key, part, fault)
     }
 
-    /// A fault of the part that stands at `key` in the text of this origin.
+    /// A fault of the part at `key` in the text of this origin.
     pub(super) fn at(origin: &Origin, key: &str, part: String, fault: Fault) -> Self {
         let message = format!("{part}: {fault}");
         let problem = Problem::Unfit {
@@ -204,7 +204,7 @@ impl LoadError {
         }))
     }
 
-    /// One line with the place, for pipes and logs: that in the mesh file, or that in the scene which names it.
+    /// One line with the place, for pipes and logs: the place in the mesh file, or in the scene.
     #[must_use]
     pub fn terse(&self) -> String {
         match self {
@@ -221,7 +221,7 @@ impl Unfit {
         &self.placed
     }
 
-    /// One line without a place, where nobody wrote the scene.
+    /// One line without a place, for a scene without a text.
     #[must_use]
     pub fn without_place(&self) -> String {
         format!(

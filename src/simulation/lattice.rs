@@ -1,4 +1,5 @@
-//! A box of points on springs whose highest layer is dragged and let go.
+//! Simulation of a lattice: the top layer of a box of points with springs is displaced and
+//! released.
 
 use std::time::Instant;
 
@@ -14,21 +15,21 @@ use crate::springs::lattice::{
     Lattice, LatticeError, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
 };
 
-/// A step is at most this share of the longest stable one.
+/// Length of a step relative to the stability limit.
 const STABLE: f64 = 0.5;
 
-/// Most steps a frame.
+/// Greatest number of steps per frame.
 const MOST_STEPS: f64 = 1e5;
 
-/// A lattice is at rest where no point moves further in a frame than this share of the spacing.
+/// Greatest motion of a point in a frame at rest, relative to the spacing.
 const STILL: f64 = 1e-3;
 
-/// One frame.
+/// Measures of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// The frame.
+    /// Index of the frame.
     pub frame: usize,
-    /// Greatest distance of a point from its place at the start [m].
+    /// Greatest distance of a point from its start position [m].
     pub distance: f64,
     /// Greatest motion of a point in the frame [m].
     pub moved: f64,
@@ -36,30 +37,30 @@ pub struct Measured {
     pub time_s: f64,
 }
 
-/// A lattice that runs.
+/// A lattice simulation.
 pub struct LatticeRun {
     /// The scene.
     pub scene: LatticeScene,
-    /// What runs.
+    /// The effects that run.
     pub plan: Plan,
     /// The lattice.
     pub lattice: Lattice<f64>,
-    /// Steps a frame.
+    /// Number of steps per frame.
     pub steps: u32,
-    /// Its surface at the start [m].
+    /// Surface at the start [m].
     pub surface: TriangleMesh,
-    /// Every frame after the start.
+    /// Measures of every frame after the start.
     pub frames: Vec<Measured>,
-    /// The point of the lattice of each vertex of the surface.
+    /// The lattice point of each vertex of the surface.
     points: Vec<[usize; 3]>,
     now: Vec<[f64; 3]>,
 }
 
 impl LatticeRun {
-    /// Builds the lattice, with steps that are stable.
+    /// Creates the lattice with stable steps.
     ///
     /// # Errors
-    /// Numbers of which no lattice can be built.
+    /// Numbers that give no valid lattice.
     pub fn new(scene: LatticeScene) -> Result<Self, LoadError> {
         let refused = |error| {
             LoadError::at(
@@ -117,12 +118,12 @@ impl LatticeRun {
         })
     }
 
-    /// The last frame that was computed; 0 is the start.
+    /// The last computed frame; 0 is the start.
     pub fn frame(&self) -> usize {
         self.frames.len()
     }
 
-    /// Whether it was at rest in the last frame.
+    /// True if the lattice was at rest in the last frame.
     pub fn at_rest(&self) -> bool {
         let spacing = self.lattice.shape().spacing[0];
         self.frames
@@ -130,7 +131,7 @@ impl LatticeRun {
             .is_some_and(|f| f.moved <= STILL * spacing)
     }
 
-    /// Whether the highest layer is held and moved in a frame.
+    /// True if the top layer is displaced in a frame.
     fn drags(&self, frame: usize) -> bool {
         frame <= self.scene.release && self.scene.drag.norm() > 0.0
     }
@@ -181,7 +182,8 @@ impl LatticeRun {
         }
     }
 
-    /// Goes on from where another run with as many points is, as fast as it is, with what it holds and does not.
+    /// Continues from the state of another run with the same points: positions, velocities and
+    /// fixed points.
     pub fn continue_from(&mut self, before: &Self) {
         let (from, to) = (&before.lattice, &mut self.lattice);
         for point in from.shape().each() {
@@ -198,7 +200,7 @@ impl LatticeRun {
         self.frames.clone_from(&before.frames);
     }
 
-    /// The point of the lattice that a vertex of the surface is.
+    /// The lattice point of a vertex of the surface.
     pub fn point_of(&self, vertex: usize) -> [usize; 3] {
         self.points[vertex]
     }
@@ -212,7 +214,7 @@ impl LatticeRun {
     }
 }
 
-/// The points on the surface of a box and the triangles between them, outward.
+/// The points on the surface of a box, and the outward triangles between them.
 fn surface(shape: &Shape) -> (Vec<[usize; 3]>, TriangleMesh) {
     let mut numbers = std::collections::HashMap::new();
     let mut points: Vec<[usize; 3]> = Vec::new();

@@ -1,4 +1,4 @@
-//! Numbers of one muscle in one frame.
+//! Measures of one muscle in one frame.
 
 use nalgebra::{Isometry3, Point3};
 use serde::Serialize;
@@ -11,21 +11,21 @@ use crate::contact::Counts;
 use crate::scene::Scene;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
-/// A frame holds its volume where it is off by no more than this (tolerance T6).
+/// Greatest relative volume error of a valid frame (tolerance T6).
 pub const VOLUME_HELD: f64 = 1e-6;
 
-/// Numbers of one muscle in one frame; a row of `measures.csv`.
+/// Measures of one muscle in one frame; a row of `measures.csv`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measures {
-    /// Frame.
+    /// Index of the frame.
     pub frame: usize,
     /// Time since the start [s].
     pub time_s: f64,
-    /// Muscle.
+    /// Name of the muscle.
     pub muscle: String,
-    /// Volume over its target, less 1; 0 where no volume is kept.
+    /// Volume over its target, minus 1; 0 without a volume constraint.
     pub volume_error: f64,
-    /// Volume over that at rest.
+    /// Volume relative to that at rest.
     pub volume_ratio: f64,
     /// Root mean square of the strain of edges.
     pub edge_stretch_rms: f64,
@@ -37,17 +37,17 @@ pub struct Measures {
     pub vertices_inside_bones: usize,
     /// Bone vertices inside the muscle, by the audit.
     pub bone_vertices_inside: usize,
-    /// Vertices that touch a bone.
+    /// Number of vertices in contact with a bone.
     pub vertices_touching: usize,
-    /// Vertices between bones closer than twice the contact thickness.
+    /// Number of vertices between bones closer together than twice the contact thickness.
     pub vertices_pinched: usize,
-    /// Root mean square of the distance of elastic constraints from satisfaction [m].
+    /// Root mean square residual of the elastic constraints [m].
     pub residual_m: f64,
     /// Kinetic energy [J].
     pub kinetic_energy_j: f64,
-    /// Root mean square distance of vertices to the start [m].
+    /// Root mean square distance of vertices from their start positions [m].
     pub distance_from_start_rms_m: f64,
-    /// Whether residual, volume and depth are within their tolerances.
+    /// True if residual, volume and depth are within their tolerances.
     pub converged: bool,
 }
 
@@ -208,7 +208,7 @@ impl Value for Measures {
     }
 }
 
-/// Mean absolute strain of the edges at each vertex, at positions `x` [m]; 0 where there is no edge.
+/// Mean absolute strain of the edges at each vertex, for positions `x` [m]; 0 without edges.
 pub fn strain_at_vertices(edges: &[Distance], x: &[Point3<f64>]) -> Vec<f64> {
     let mut sums = vec![(0.0, 0u32); x.len()];
     for edge in edges {
@@ -237,7 +237,7 @@ fn stretch(body: &Body) -> (f64, f64) {
         let [a, b] = edge.points.map(|p| x[p as usize]);
         let strain = ((a - b).norm() / edge.rest - 1.0).abs();
         sum += strain * strain;
-        // Not `f64::max`, which would hide a NaN; once seen, a NaN stays.
+        // Not `f64::max`, which would hide a NaN; a NaN stays.
         if !max.is_nan() && !(strain <= max) {
             max = strain;
         }

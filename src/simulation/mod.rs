@@ -1,4 +1,4 @@
-//! The running simulation: what the plan names, frame after frame.
+//! The simulation of a scene, frame by frame, with the effects of its plan.
 
 pub mod assets;
 pub mod audit;
@@ -42,20 +42,21 @@ use crate::scene::Scene;
 use crate::solvers::{Broken, DIVERGENCE};
 use crate::state::{Corrupt, Reader, State, Writer};
 
-/// A vertex may end a frame this share of the contact thickness below a bone's surface before contact is looked at again.
+/// Greatest depth of a vertex below a bone's surface at the end of a frame without another contact
+/// query, relative to the contact thickness.
 const SETTLED: f64 = 2e-4;
 
-/// A scene that runs.
+/// A simulation of muscles.
 pub struct Simulation {
     /// The scene.
     pub scene: Scene,
-    /// Which effects run.
+    /// The effects that run.
     pub plan: Plan,
     /// Muscles.
     pub bodies: Vec<Body>,
     /// Bone meshes in their own frame.
     pub bones: Vec<TriangleMesh>,
-    /// Notes of reading and of running, for people.
+    /// Notes from reading and from the run.
     pub notes: Vec<String>,
     surfaces: Vec<Arc<Surface>>,
     placed: Vec<PosedObstacle>,
@@ -66,20 +67,20 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Makes a scene ready to run: reads its meshes, plans, builds what the plan names.
+    /// Prepares a scene: reads its meshes, makes the plan, creates the effects of the plan.
     ///
     /// # Errors
-    /// A mesh that cannot be read or used, an attachment that cannot be made.
+    /// A mesh that cannot be read or used, or an impossible attachment.
     pub fn new(scene: Scene) -> Result<Self, LoadError> {
         let assets = Assets::load(&scene)?;
         let plan = Plan::new(&scene, &assets);
         Self::with(scene, assets, plan)
     }
 
-    /// As [`Self::new`], with meshes and plan at hand.
+    /// The same as [`Self::new`], with given meshes and plan.
     ///
     /// # Errors
-    /// An attachment that cannot be made.
+    /// An impossible attachment.
     pub fn with(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
         let surfaces: Vec<Arc<Surface>> = assets
             .bones
@@ -115,7 +116,7 @@ impl Simulation {
         })
     }
 
-    /// The last frame that was computed; 0 is the start.
+    /// The last computed frame; 0 is the start.
     pub fn frame(&self) -> usize {
         self.frame
     }
@@ -130,13 +131,13 @@ impl Simulation {
         &self.surfaces[bone]
     }
 
-    /// All obstacles where they are now, bones first.
+    /// All obstacles at their present poses, bones first.
     pub fn placed(&self) -> &[PosedObstacle] {
         &self.placed
     }
 
-    /// Looks for contact with bones in another way than the crate's own hierarchy, to be compared with it; capsules have
-    /// no triangles. Distances agree to rounding, so do results.
+    /// Sets another method of contact search with bones, for comparison with the default hierarchy;
+    /// capsules have no triangles. Distances agree up to rounding, and so do results.
     pub fn set_contact_way(&mut self, way: &Method) {
         for (placed, mesh) in self.placed.iter_mut().zip(&self.bones) {
             placed.obstacle = way.obstacle(mesh);
@@ -194,7 +195,7 @@ impl Simulation {
             .collect()
     }
 
-    /// A muscle that leaves the box that the plan foresaw gets its contact with what it may now meet.
+    /// Extends the contact of a muscle that leaves the box of the plan.
     fn watch_reach(&mut self) {
         let Some(contact) = self.scene.effects.contact else {
             return;
@@ -244,7 +245,7 @@ impl Simulation {
         }
     }
 
-    /// Measures of every muscle at the last frame, with its independent audit.
+    /// Measures of every muscle at the last frame, with the independent audit.
     pub fn measure(&self) -> Vec<Measures> {
         let bones: Vec<audit::Bone<'_>> = self
             .bones
@@ -264,7 +265,7 @@ impl Simulation {
     }
 }
 
-/// What [`checkpoint`] keeps of it: whatever a later frame depends on, and nothing that depends on the clock.
+/// The state for [`checkpoint`]: everything on which a later frame depends, without the clock.
 impl State for Simulation {
     fn save(&self, to: &mut Writer) {
         let Self {
@@ -332,7 +333,7 @@ fn step_body(body: &mut Body, steps: &[Vec<PosedObstacle>], dt: f64, frame: usiz
     body.good.clone_from(&body.system.particles);
 }
 
-/// The bone that carries obstacle `o`: bones first, then capsules.
+/// The bone that carries obstacle `o`: bones come first, then capsules.
 fn carrier(scene: &Scene, o: usize) -> usize {
     o.checked_sub(scene.bones.len())
         .map_or(o, |c| scene.capsules[c].bone)

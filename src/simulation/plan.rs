@@ -1,4 +1,5 @@
-//! Which effects run in a scene, on how many elements, at what cost; and which do not, and why.
+//! The plan of a simulation: the effects that run, with their elements and costs, and those that do
+//! not run, with the reasons.
 
 mod staged;
 
@@ -17,40 +18,41 @@ use crate::scene::{EffectSpec, Scene};
 /// An effect that will run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Planned {
-    /// Muscle it acts on.
+    /// Name of the muscle.
     pub muscle: String,
-    /// Its name.
+    /// Name of the effect.
     pub effect: String,
-    /// Constraints, vertices or pairs that it acts on.
+    /// Number of constraints, vertices or pairs.
     pub elements: usize,
     /// Estimated heap memory [bytes].
     pub bytes: usize,
-    /// Estimated time [ms a frame], one thread.
+    /// Estimated time [ms per frame], one thread.
     pub ms_per_frame: f64,
 }
 
 /// An effect that allocates nothing and runs nothing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeftOut {
-    /// Muscle; empty where it concerns all.
+    /// Name of the muscle; empty for all muscles.
     pub muscle: String,
-    /// Its name.
+    /// Name of the effect.
     pub effect: String,
-    /// Why it is left out.
+    /// The reason.
     pub why: String,
 }
 
-/// What will happen to one muscle.
+/// The effects on one muscle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MusclePlan {
     /// The keys of the effects that run on it, in the order in which they are built.
     pub effects: Vec<&'static str>,
-    /// Obstacles in reach: bones by index, then capsules.
+    /// Obstacles within reach: bones by index, then capsules.
     pub obstacles: Vec<usize>,
-    /// Vertices that somebody fixed in space, beside those that bones hold; none as planned.
+    /// Vertices that the user fixed in space, besides the attached ones; empty in a new plan.
     pub fixed: Vec<u32>,
-    /// The shape at rest of a muscle that goes on, see [`super::Simulation::continue_from`], in place of that as read without
-    /// its overlap; none as planned.
+    /// The rest shape of a muscle that continues another run, see
+    /// [`super::Simulation::continue_from`]. It replaces the shape as read without overlap; `None`
+    /// in a new plan.
     pub rest: Option<Arc<TriangleMesh>>,
 }
 
@@ -65,16 +67,16 @@ impl MusclePlan {
 /// The plan of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
-    /// What runs.
+    /// Effects that run.
     pub run: Vec<Planned>,
-    /// What does not.
+    /// Effects that do not run.
     pub left_out: Vec<LeftOut>,
-    /// For each muscle, in the scene's order.
+    /// Plan of each muscle, in the scene's order.
     pub muscles: Vec<MusclePlan>,
 }
 
 impl Plan {
-    /// Decides for each muscle and effect.
+    /// Makes the plan of each muscle and effect.
     pub fn new(scene: &Scene, assets: &Assets) -> Self {
         let mut plan = Self::default();
         for m in 0..scene.muscles.len() {
@@ -276,8 +278,9 @@ pub(super) fn swept(scene: &Scene, bone: usize, bounds: &Aabb) -> Aabb {
         .unwrap_or(*bounds)
 }
 
-/// A box that the muscle is expected to stay in: its start, carried along with each bone that holds it, with a margin.
-/// `None` for a muscle that nothing holds back. A run watches that it is not left.
+/// A box that the muscle is expected to stay in: its start box, moved with each attached bone, with
+/// a margin. `None` for a muscle without attachment. The run tests whether the muscle leaves the
+/// box.
 fn reach(scene: &Scene, mesh: &TriangleMesh, m: usize) -> Option<Aabb> {
     let muscle = &scene.muscles[m];
     let free = muscle.attachments.is_empty();

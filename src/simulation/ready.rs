@@ -1,8 +1,8 @@
-//! What is made of a scene's meshes and does not depend on its numbers: made once, and shared by all simulations that are
-//! made of the same [`super::Assets`].
+//! Data derived from a scene's meshes alone: computed once, and shared by all simulations with the
+//! same [`super::Assets`].
 //!
-//! Each part is a function of what it is asked with, and there is no other way to it: that a simulation is not the first
-//! one of its meshes changes no bit of it.
+//! Each part is a function of its arguments alone: a later simulation of the same meshes gets the
+//! same bits as the first.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -18,10 +18,11 @@ use crate::mesh::topology::Topology;
 use crate::mesh::{TriangleMesh, order};
 use crate::particles::Numbering;
 
-/// Shapes at rest that are kept of a muscle: one as read, others without overlap at other contact thicknesses.
+/// Number of stored rest shapes of a muscle: one as read, others without overlap at other contact
+/// thicknesses.
 const SHAPES: usize = 4;
 
-/// The values of a function that were wanted last, each with what it was made of.
+/// A cache of the last values of a function, each with its arguments.
 struct Kept<T> {
     all: Mutex<Vec<Arc<T>>>,
     most: usize,
@@ -35,12 +36,12 @@ impl<T> Kept<T> {
         }
     }
 
-    /// The one that was made of what `is` recognises, or else what `make` makes of it.
+    /// The cached value for which `is` holds, otherwise the new value of `make`.
     fn get(&self, is: impl Fn(&T) -> bool, make: impl FnOnce() -> T) -> Arc<T> {
         if let Some(found) = self.find(&is) {
             return found;
         }
-        // Without the lock: what is made may want another.
+        // Without the lock: `make` can use the cache itself.
         let made = Arc::new(make());
         if let Some(found) = self.find(&is) {
             return found;
@@ -62,14 +63,15 @@ impl<T> Kept<T> {
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Arc<T>>> {
-        // A list is whole whatever thread panicked.
+        // A list stays valid if a thread panics.
         self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-/// A value that is made when it is first wanted.
+/// A value that is computed on first use.
 ///
-/// No `OnceLock`: a thread that makes it and waits in it for others may take up another simulation that wants the same.
+/// Not a `OnceLock`: a thread that computes the value and waits for others can start another
+/// simulation that needs the same value.
 struct Once<T>(Mutex<Option<Arc<T>>>);
 
 impl<T> Default for Once<T> {
@@ -82,7 +84,7 @@ impl<T> Once<T> {
     fn get(&self, make: impl FnOnce() -> T) -> Arc<T> {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let found = lock().clone();
-        // Without the lock, and whoever else was faster made the same.
+        // Without the lock; a faster thread has computed the same value.
         found.unwrap_or_else(|| {
             let made = Arc::new(make());
             lock().get_or_insert(made).clone()
@@ -90,7 +92,7 @@ impl<T> Once<T> {
     }
 }
 
-/// All that was made so far of the meshes of a scene.
+/// All derived data of a scene's meshes so far.
 pub(super) struct Ready {
     surfaces: Kept<Surface>,
     capsules: Kept<Capsule>,
@@ -106,7 +108,8 @@ impl std::fmt::Debug for Ready {
 }
 
 impl Ready {
-    /// Room for the parts of so many muscles, so many capsules, and so many surfaces of bones and areas of attachment.
+    /// Creates empty caches for these numbers of muscles, capsules, and surfaces of bones and
+    /// attachment areas.
     pub fn new(muscles: usize, capsules: usize, surfaces: usize) -> Self {
         Self {
             surfaces: Kept::new(surfaces),
@@ -117,7 +120,7 @@ impl Ready {
         }
     }
 
-    /// The same room, with nothing in it.
+    /// Empty caches of the same sizes.
     pub fn emptied(&self) -> Self {
         Self {
             surfaces: Kept::new(self.surfaces.most),
@@ -128,7 +131,7 @@ impl Ready {
         }
     }
 
-    /// A mesh that answers what is nearest.
+    /// The search structure of a mesh.
     pub fn surface(&self, mesh: &TriangleMesh) -> Arc<Surface> {
         let is = |s: &Surface| s.triangles() == mesh.triangles && s.positions() == mesh.vertices;
         self.surfaces.get(is, || Surface::new(mesh))
@@ -150,7 +153,8 @@ impl Ready {
         )
     }
 
-    /// A muscle's shape moved out of the obstacles to `thickness` [m], and what that did: see [`untangle::untangle`].
+    /// A muscle's shape moved out of the obstacles to `thickness` [m], with the measures of
+    /// [`untangle::untangle`].
     pub fn clear(
         &self,
         of: &Arc<Rest>,
@@ -172,7 +176,7 @@ impl Ready {
             let closest = near.iter().flat_map(|near| &near.closest);
             let mut done = untangle::overlap(closest, thickness);
             let mut rest = of.clone();
-            // A mesh that is clear is not touched.
+            // A mesh without overlap is unchanged.
             if done.vertices > 0 || near.iter().any(|near| near.is_guard_inside(of)) {
                 let mut mesh = of.mesh.clone();
                 done = untangle::push_out(&mut mesh, done, placed, obstacles, thickness);
@@ -196,11 +200,11 @@ pub(super) struct Clear {
     thickness: f64,
     /// The shape.
     pub rest: Arc<Rest>,
-    /// What untangling did.
+    /// Measures of the removal of overlap.
     pub done: Untangled,
 }
 
-/// A muscle's shape at rest and what was made of it so far.
+/// A muscle's rest shape with its derived data so far.
 pub(super) struct Rest {
     /// The shape.
     pub mesh: TriangleMesh,
@@ -223,12 +227,12 @@ impl Rest {
         }
     }
 
-    /// Its edges and hinges.
+    /// Topology of the shape.
     pub fn topology(&self) -> Arc<Topology> {
         self.topology.get(|| Topology::new(&self.mesh))
     }
 
-    /// Neighbours beside each other in memory, where the mesh does not number them so.
+    /// An order with neighbours near each other in memory, if the mesh has another one.
     pub fn numbering(&self) -> Arc<Numbering> {
         self.numbering.get(|| {
             let topology = self.topology();
@@ -243,12 +247,12 @@ impl Rest {
         })
     }
 
-    /// It as a mesh that answers what is nearest.
+    /// Search structure of the shape.
     pub fn surface(&self) -> Arc<Surface> {
         self.surface.get(|| Surface::new(&self.mesh))
     }
 
-    /// What of an obstacle in a pose is nearest to each vertex.
+    /// The nearest point of an obstacle in a pose to each vertex.
     pub fn near(&self, obstacle: &Arc<dyn Obstacle>, pose: &Isometry3<f64>) -> Arc<Near> {
         let is = |near: &Near| Arc::ptr_eq(&near.obstacle, obstacle) && same_pose(&near.pose, pose);
         self.near.get(is, || {
@@ -268,7 +272,7 @@ impl Rest {
         })
     }
 
-    /// Polylines bound to it; and the edges `points`, and how far they go along them.
+    /// Polylines bound to the shape, and the edges `points` with their cosines to the fibres.
     pub fn fibres(&self, lines: &[Vec<Point3<f64>>], points: &[[u32; 2]]) -> Arc<Fibres> {
         self.fibres.get(
             |fibres| fibres.lines == lines && fibres.points == points,
@@ -290,17 +294,17 @@ impl Rest {
     }
 }
 
-/// What is nearest to each vertex of a shape.
+/// The nearest points of an obstacle to each vertex of a shape.
 pub(super) struct Near {
     obstacle: Arc<dyn Obstacle>,
     pose: Isometry3<f64>,
-    /// In the obstacle's frame.
+    /// Nearest points in the obstacle's frame.
     pub closest: Vec<Option<Projection>>,
     is_guard_inside: Once<bool>,
 }
 
 impl Near {
-    /// Whether a point of the obstacle that is kept out of muscles is in the shape that this belongs to.
+    /// True if a sample point of the obstacle is inside the shape of this entry.
     fn is_guard_inside(&self, of: &Rest) -> bool {
         *self
             .is_guard_inside
@@ -311,15 +315,15 @@ impl Near {
 /// A muscle's fibres.
 pub(super) struct Fibres {
     lines: Vec<Vec<Point3<f64>>>,
-    /// Of the edges.
+    /// End points of the edges.
     pub points: Vec<[u32; 2]>,
-    /// Bound to the shape.
+    /// Fibres bound to the shape.
     pub bound: BoundLines,
     cosines: Once<Vec<Option<f64>>>,
 }
 
 impl Fibres {
-    /// For each edge the cosine of its angle to the nearest fibre: see [`anisotropy::cosines`].
+    /// Cosine of each edge's angle to the nearest fibre: see [`anisotropy::cosines`].
     pub fn cosines(&self, of: &Rest) -> Arc<Vec<Option<f64>>> {
         let x = &of.mesh.vertices;
         self.cosines
@@ -327,7 +331,7 @@ impl Fibres {
     }
 }
 
-/// Whether two poses have the same numbers; a rotation has two quaternions.
+/// True if two poses have the same numbers; a rotation has two quaternions.
 pub(super) fn same_pose(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
     a.translation.vector == b.translation.vector && a.rotation.coords == b.rotation.coords
 }
@@ -349,7 +353,7 @@ mod tests {
         };
         assert_eq!([2, 3, 2, 4, 2].map(square), [4, 9, 4, 16, 4]);
         assert_eq!(made.get(), 3);
-        // 3 was wanted longest ago, so that 4 took its place.
+        // 3 was the least recently used value, so 4 replaced it.
         assert_eq!((square(3), made.get()), (9, 4));
     }
 

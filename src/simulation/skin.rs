@@ -1,4 +1,5 @@
-//! Skin over implants, or over a ball, frame after frame: each an equilibrium, found from the one before.
+//! Simulation of skin over implants, or over a ball: each frame is an equilibrium that starts from
+//! the previous one.
 
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -22,42 +23,43 @@ use crate::skin::together::grouped;
 use crate::skin::whole::Whole;
 use crate::skin::{self, Areas, ImplantSpec, SkinError};
 
-/// An obstacle further from the place of an implant than this, in its bases, along any axis, is never met.
+/// An obstacle farther from the place of an implant than this along any axis, in its bases, is
+/// never touched.
 const REACH: f64 = 2.0;
 
-/// Implants that share skin, or the ball, in one frame.
+/// Measures of one frame, for implants that share skin or for the ball.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
-    /// The frame.
+    /// Index of the frame.
     pub frame: usize,
-    /// Volume [m^3] and pressure [Pa] of each implant; none of a ball.
+    /// Volume [m^3] and pressure [Pa] of each implant; empty for a ball.
     pub shells: Vec<(f64, f64)>,
     /// Areas of the region.
     pub areas: Areas,
-    /// How it was found.
+    /// State of the solution.
     pub progress: settle::Progress,
     /// Wall time [s].
     pub time_s: f64,
 }
 
-/// An implant, or several that share skin, or the ball, and the skin over it.
+/// One or several implants that share skin, or the ball, with the skin above.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// Its name; of several all their names.
+    /// Name; for several implants all their names.
     pub name: String,
-    /// Its implants, by their numbers in the scene; none of a ball.
+    /// Indices of the implants in the scene; empty for a ball.
     pub members: Vec<usize>,
-    /// The skin, made ready for it.
+    /// The prepared skin.
     pub ready: PreparedPatch,
     /// Shells at the start [m].
     pub shells: Vec<TriangleMesh>,
-    /// Obstacles in reach, by their numbers.
+    /// Indices of the obstacles within reach.
     pub obstacles: Vec<usize>,
-    /// The last frame; nothing at the start.
+    /// Result of the last frame; `None` at the start.
     pub now: Option<Inserted>,
-    /// Every frame after the start.
+    /// Measures of every frame after the start.
     pub frames: Vec<Measured>,
-    /// The vertex of the whole skin for each of its patch.
+    /// The vertex of the whole skin for each vertex of the patch.
     whole: Vec<u32>,
 }
 
@@ -71,7 +73,7 @@ impl Part {
         (0..self.shells.len()).map(at)
     }
 
-    /// Each vertex of the region and that of the whole skin.
+    /// Each vertex of the region with that of the whole skin.
     pub fn vertices(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         self.ready
             .region
@@ -81,7 +83,7 @@ impl Part {
             .map(|(v, patch)| (v, self.whole[*patch as usize] as usize))
     }
 
-    /// All iterations of the solver.
+    /// Number of all solver iterations.
     pub fn steps(&self) -> u32 {
         self.frames.iter().map(|f| f.progress.iterations).sum()
     }
@@ -91,41 +93,41 @@ impl Part {
         self.frames.iter().map(|f| f.time_s).sum()
     }
 
-    /// Whether it was at rest in every frame.
+    /// True if every frame reached its equilibrium.
     pub fn converged(&self) -> bool {
         self.frames.iter().all(|f| f.progress.converged)
     }
 }
 
-/// Skin that is lifted.
+/// A simulation of skin.
 pub struct SkinRun {
     /// The scene.
     pub scene: SkinScene,
-    /// The skin as read [m], its triangles halved near implants where they are large.
+    /// The skin as read [m], with large triangles bisected near implants.
     pub skin: TriangleMesh,
     /// Obstacles as read [m].
     pub obstacles: Vec<TriangleMesh>,
-    /// What runs.
+    /// The effects that run.
     pub plan: Plan,
-    /// Implants, or the ball.
+    /// Groups of implants, or the ball.
     pub parts: Vec<Part>,
-    /// The whole skin at the start, refined where implants go [m].
+    /// The whole skin at the start, refined near implants [m].
     pub whole: TriangleMesh,
-    /// Notes of reading, for people.
+    /// Notes from reading.
     pub notes: Vec<String>,
     frame: usize,
 }
 
 impl SkinRun {
-    /// Reads meshes, chooses regions, builds the layers of skin.
+    /// Reads the meshes, chooses the regions, creates the layers of skin.
     ///
     /// # Errors
-    /// A mesh that cannot be read or used; an implant that does not go where it is asked for.
+    /// A mesh that cannot be read or used, or an implant that does not fit at its place.
     pub fn new(scene: SkinScene) -> Result<Self, LoadError> {
         Self::new_with(scene, &Silent)
     }
 
-    /// The same; `progress` hears of the refinement of the skin and may end it.
+    /// The same; stops when `go_on` returns false, which is called during the refinement of skin.
     ///
     /// # Errors
     /// As of [`Self::new`]; also where the progress ends it.
@@ -172,12 +174,12 @@ impl SkinRun {
         }
     }
 
-    /// The last frame that was computed; 0 is the start.
+    /// The last computed frame; 0 is the start.
     pub fn frame(&self) -> usize {
         self.frame
     }
 
-    /// Whether everything was at rest in every frame.
+    /// True if all parts reached their equilibrium in every frame.
     pub fn converged(&self) -> bool {
         self.parts.iter().all(Part::converged)
     }
@@ -253,10 +255,10 @@ impl SkinRun {
         Stepped::Done
     }
 
-    /// Where the ball is at a frame.
+    /// Position of the ball in a frame.
     pub fn ball_at(&self, ball: &Ball, part: &Part, frame: usize) -> skin::Ball {
         let down = part.ready.frame * -Vector3::z();
-        // Touching the lower layer from below.
+        // In contact with the lower layer from below.
         let from = ball
             .from
             .unwrap_or_else(|| ball.to + down * (ball.radius + ball.order.tissue.depth));
@@ -278,7 +280,7 @@ impl SkinRun {
     }
 }
 
-/// The key of a mesh of a scene and what it is called there.
+/// The key of a mesh of a scene, with its name.
 fn mesh(
     scene: &SkinScene,
     source: &Source,
@@ -338,7 +340,7 @@ fn read_obstacle(
     Ok(read)
 }
 
-/// Parts being made.
+/// Parts under construction.
 struct Making<'a> {
     scene: &'a SkinScene,
     skin: &'a TriangleMesh,
@@ -347,7 +349,7 @@ struct Making<'a> {
 }
 
 impl Making<'_> {
-    /// All parts, of which no two share skin, and the whole skin with their patches in it.
+    /// All parts, of which no two share skin, and the whole skin with their patches.
     fn parts(&self) -> Result<(Vec<Part>, TriangleMesh), LoadError> {
         let mut parts = match &self.scene.under {
             Under::Implants(all) => self.implants(all)?,
@@ -371,7 +373,7 @@ impl Making<'_> {
         Ok((parts, whole))
     }
 
-    /// Implants, those that share skin together.
+    /// Groups of implants that share skin.
     fn implants(&self, all: &[Filled]) -> Result<Vec<Part>, LoadError> {
         let refused = |(k, error): (usize, SkinError)| {
             self.refused(
@@ -435,13 +437,13 @@ impl Making<'_> {
         Ok(parts)
     }
 
-    /// The obstacles that an implant may come near.
+    /// The obstacles that an implant can touch.
     fn near(&self, order: &ImplantSpec) -> Vec<usize> {
         let place = match order.place {
             Place::Vertex(v) => self.skin.vertices.get(v).copied(),
             Place::Point(at) => Some(at),
         };
-        // What has no place is refused where the skin is made ready.
+        // The preparation of the skin rejects an implant without a place.
         let Some(place) = place else {
             return Vec::new();
         };
@@ -456,7 +458,7 @@ impl Making<'_> {
     }
 
     fn refused(&self, key: &str, part: String, error: SkinError) -> LoadError {
-        // What concerns the skin is told at the skin.
+        // Errors of the skin refer to the key of the skin.
         let skin = match &error {
             SkinError::TooFine { .. } | SkinError::Refine(_) => Some("skin.0.edge_length"),
             SkinError::Empty
@@ -474,7 +476,7 @@ impl Making<'_> {
     }
 }
 
-/// The key of an implant that an error is about.
+/// The key of an implant that an error refers to.
 fn key_of(error: &SkinError) -> &'static str {
     match error {
         SkinError::NoVertex { .. } => ".near_vertex",

@@ -1,4 +1,5 @@
-//! A simulation that somebody steers while it runs: other numbers, a vertex dragged, a bone turned by hand.
+//! Interactive changes of a running simulation: other numbers, a dragged vertex, a bone moved by
+//! hand.
 
 use nalgebra::{Isometry3, Point3};
 
@@ -11,9 +12,9 @@ use crate::solvers::grip::{DRAG, Grip};
 use crate::state::{Reader, Writer};
 
 impl Simulation {
-    /// Goes on from where `other` is, which was made from the same meshes with other numbers: frame, poses, positions and
-    /// velocities are taken over, and what is known of contact where that is still so; else what is near is looked up afresh.
-    /// Muscles that were stopped go on.
+    /// Continues from the state of `other`, made from the same meshes with other numbers: frame,
+    /// poses, positions and velocities, and contact state where it is still valid; otherwise
+    /// contact is queried again. Stopped muscles resume.
     ///
     /// A muscle with another number of vertices stays at its start.
     pub fn continue_from(&mut self, other: &Self) {
@@ -30,7 +31,7 @@ impl Simulation {
         }
     }
 
-    /// Whether its obstacles are those of `other`, and where that has left them.
+    /// True if the obstacles are those of `other`; takes over their poses.
     fn has_obstacles_of(&self, other: &Self) -> bool {
         let shape =
             |capsule: &crate::scene::Capsule| (capsule.bone, capsule.segment, capsule.radius);
@@ -57,7 +58,7 @@ impl Simulation {
                 .all(stays)
     }
 
-    /// In the next frame a bone goes from where it is to `pose`, and stays there.
+    /// Moves a bone from its pose to `pose` in the next frame; the bone stays there.
     pub fn move_bone(&mut self, bone: usize, pose: Isometry3<f64>) {
         let key = |frame: usize, pose| Key {
             frame: frame as f64,
@@ -71,7 +72,8 @@ impl Simulation {
         self.scene.bones[bone].motion = Motion { keys, joint };
     }
 
-    /// A spring of `stiffness` [N/m] drags a vertex of a muscle to a place [m], in place of the one before; see [`Grip`].
+    /// Drags a vertex of a muscle to a position [m] with a spring of `stiffness` [N/m], which
+    /// replaces an earlier one; see [`Grip`].
     pub fn drag(&mut self, muscle: usize, vertex: u32, to: Point3<f64>, stiffness: f64) {
         self.let_go(muscle);
         let (body, grip) = (&mut self.bodies[muscle], Grip::new(vertex, to, stiffness));
@@ -84,7 +86,7 @@ impl Simulation {
         }
     }
 
-    /// No vertex of a muscle is dragged any more.
+    /// Releases the dragged vertex of a muscle.
     pub fn let_go(&mut self, muscle: usize) {
         let body = &mut self.bodies[muscle];
         body.system.elastic.retain(|part| part.name() != DRAG);
@@ -98,7 +100,7 @@ impl Simulation {
 }
 
 impl Body {
-    /// `same` says whether the obstacles are the same.
+    /// `same` is true if the obstacles are the same.
     fn continue_from(
         &mut self,
         other: &Self,
@@ -116,7 +118,8 @@ impl Body {
             .velocity
             .clone_from(&there.particles.velocity);
         system.speed_cuts = there.speed_cuts;
-        // Angles are known up to full turns only: what hinges remember goes on, where they are the same hinges.
+        // Angles are known up to full turns only: the state of hinges is kept if the hinges are the
+        // same.
         for part in &mut system.elastic {
             let (name, count) = (part.name(), part.len());
             let Some(before) = there
@@ -128,7 +131,7 @@ impl Body {
             };
             let mut kept = Writer::default();
             before.save(&mut kept);
-            // Of the same kind and number, so that it fits.
+            // The kind and number are the same, so the state fits.
             let _ = part.restore(&mut Reader::new(&kept.bytes));
         }
         if let Method::Minimum(equilibrium) = &mut self.method {
@@ -150,7 +153,7 @@ impl Body {
                     thickness,
                     friction,
                 } = contact;
-                // What a step that broke off has left behind is of no use.
+                // The remains of an interrupted step are not used.
                 let is_known = |known: &&Contacts| {
                     same && other.stopped.is_none() && known.obstacles() == obstacles
                 };

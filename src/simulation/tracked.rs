@@ -1,5 +1,5 @@
-//! A muscle that tracks a prescribed shape: what is nearest to equilibrium there, with its volume kept and bones that give
-//! way.
+//! A muscle that tracks a prescribed shape: the equilibrium nearest to it, with a volume constraint
+//! and compliant bones.
 
 use std::sync::Arc;
 
@@ -18,56 +18,56 @@ use crate::solvers::tension::{Tension, support, tension};
 use crate::solvers::tracking::{Tracking, toward, tracking};
 use crate::solvers::{Broken, System};
 
-/// Rounds at most in which samples that have come near to a bone are looked up again.
+/// Greatest number of rounds with new queries for samples near a bone.
 const ROUNDS: usize = 4;
 
-/// Samples nearer to a bone than so many contact thicknesses are looked at while a muscle comes to rest.
+/// Distance of active samples from a bone during the minimisation, in contact thicknesses.
 pub const REACH: f64 = 8.0;
 
-/// Stiffness of the band over bones, over that of the stiffest edge and of what it tracks with.
+/// Stiffness of the band over bones, relative to that of the stiffest edge with its tracking.
 const PRESS: f64 = 10.0;
 
-/// A vertex that at rest is nearer to a bone than so many contact thicknesses is supported by that bone.
+/// Distance from a bone, in contact thicknesses, within which the bone supports a vertex at rest.
 const RESTS: f64 = 2.0;
 
-/// Share of the band over a bone that has to be left.
+/// Least remaining share of the band over a bone.
 const LEAST_LEFT: f64 = 0.2;
 
-/// Factor by which the band gets stiffer where less is left.
+/// Stiffness factor of the band where less remains.
 const STIFFER: f64 = 10.0;
 
-/// What a muscle that tracks a shape is made of.
+/// Components of a muscle that tracks a shape.
 pub struct Parts<'a> {
     /// Edges with their rest lengths [m].
     pub edges: &'a [Distance],
-    /// Their stiffness at rest [N/m].
+    /// Rest stiffness of the edges [N/m].
     pub stiffness: Vec<f64>,
-    /// The share of that with which they keep the prescribed shape.
+    /// Stiffness of the tracking relative to that of the edges.
     pub tracking: f64,
     /// Smoothed distances to all obstacles.
     pub bones: &'a [Arc<SmoothDistance>],
 }
 
-/// A muscle's shape as a function of the prescribed one.
+/// The shape of a muscle as a function of the prescribed one.
 pub struct Tracked {
     solver: Newton,
     /// What draws it to its target; the first elastic part.
     tracking: Tracking,
-    /// Its tone.
+    /// Tone of the muscle.
     tension: Tension,
-    /// Vertices that at rest lie on an obstacle, and the direction away from it in its own frame.
+    /// Vertices that lie on an obstacle at rest, with the direction away from it in its own frame.
     lies_on: Vec<(u32, usize, Vector3<f64>)>,
-    /// The last step's end.
+    /// Result of the last step.
     pub outcome: Outcome,
-    /// The shape that was tracked last [m], and that of the next step.
+    /// The last prescribed shape [m], and that of the next step.
     shapes: [Vec<Point3<f64>>; 2],
 }
 
 impl Tracked {
-    /// Prepares the muscle of `system`, which is at rest; see [`Tracking`], [`Tension`] and [`Press`].
+    /// Prepares the muscle of `system` at rest; see [`Tracking`], [`Tension`] and [`Press`].
     ///
     /// # Errors
-    /// No memory.
+    /// Too little memory.
     pub fn new(
         parts: Parts<'_>,
         system: &System,
@@ -129,15 +129,17 @@ impl Tracked {
         })
     }
 
-    /// The shape to track in the next step [m].
+    /// Sets the shape to track in the next step [m].
     pub fn aim(&mut self, target: Vec<Point3<f64>>) {
         self.shapes[1] = target;
     }
 
-    /// Follows the bones to where they are now and minimises there; velocities become zero.
+    /// Moves with the bones to their present poses and minimises the energy; velocities become
+    /// zero.
     ///
     /// # Errors
-    /// A number that is not finite, or a part that nothing holds; the body is as it was before.
+    /// A number that is not finite, or a part without a restraint; the body is restored to the
+    /// state before.
     pub(super) fn step(
         &mut self,
         system: &mut System,
@@ -186,8 +188,9 @@ impl Tracked {
         Ok(())
     }
 
-    /// The forces [N] that hold a muscle with tone in the prescribed shape: those of what lies around it. Where it lies on a
-    /// bone at rest, it is the bone that holds it, so that its tone presses it against the bone from the beginning.
+    /// The forces [N] that hold a muscle with tone in the prescribed shape: those of the
+    /// surrounding tissue. Where the muscle lies on a bone at rest, the bone holds it, so the tone
+    /// presses it against the bone from the beginning.
     fn support(&self, placed: &[PosedObstacle]) -> Vec<Vector3<f64>> {
         let mut forces = support(&self.tension, &self.shapes[1]);
         for (v, o, away) in &self.lies_on {
@@ -198,7 +201,7 @@ impl Tracked {
         forces
     }
 
-    /// Minimises, until no sample is in a band that was not looked at and enough is left of every band.
+    /// Minimises until all samples in bands are active and enough of every band remains.
     fn rest(&mut self, x: &mut [Point3<f64>], poses: &[Isometry3<f64>]) -> Result<(), FactorError> {
         let (mut iterations, mut evaluations) = (0, 0);
         let place = |solver: &mut Newton, x: &[Point3<f64>]| match &mut solver.problem.energy.press
@@ -223,7 +226,8 @@ impl Tracked {
     }
 }
 
-/// The vertices of `x` [m] nearer to an obstacle than `reach` [m], with the direction away from it in its own frame.
+/// The vertices of `x` [m] within `reach` [m] of an obstacle, with the direction away from it in
+/// its own frame.
 fn on_obstacle(
     x: &[Point3<f64>],
     o: usize,

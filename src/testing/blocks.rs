@@ -1,9 +1,10 @@
-//! VTP files whose compressed arrays are any bytes: what a changed file would nearly always spoil is made right.
+//! VTP files whose compressed arrays are arbitrary bytes; the surrounding parts are corrected,
+//! since most mutations would make them invalid.
 
 use super::loaders::{Breach, Outcome, check_reader};
 use crate::io::read_bytes;
 
-/// Words of a file, by the lowest two bits of the first byte.
+/// Compressor names, indexed by the lowest two bits of the first byte.
 const COMPRESSORS: [&str; 4] = [
     "vtkZLibDataCompressor",
     "vtkLZ4DataCompressor",
@@ -11,7 +12,7 @@ const COMPRESSORS: [&str; 4] = [
     "",
 ];
 
-/// An `.xz` stream without a check of the data around chunks of LZMA2, with an index and a footer that are right.
+/// An `.xz` stream without a data check around chunks of LZMA2, with a correct index and footer.
 pub(super) fn xz(chunks: &[u8]) -> Vec<u8> {
     let mut stream = b"\xfd7zXZ\0\0\0\xff\x12\xd9\x41".to_vec();
     // Three words: no optional sizes, LZMA2 with a dictionary of 64 KiB, padding, CRC32.
@@ -19,7 +20,7 @@ pub(super) fn xz(chunks: &[u8]) -> Vec<u8> {
     stream.extend(header);
     stream.extend(chunks);
     stream.resize(stream.len().next_multiple_of(4), 0);
-    // One block; its size, and a size of what it gives that no reader compares.
+    // One block: its size, and an uncompressed size that no reader compares.
     let mut index = vec![0, 1];
     let mut size = header.len() + chunks.len();
     while size >= 128 {
@@ -70,7 +71,8 @@ pub(super) fn base64(bytes: &[u8]) -> Vec<u8> {
 
 /// A file whose points are one block of compressed bytes.
 ///
-/// The first byte chooses compressor, header, byte order and encoding, the next two the size of the block.
+/// The first byte selects compressor, header, byte order and encoding, the next two the size of the
+/// block.
 pub(super) fn file(bytes: &[u8]) -> Vec<u8> {
     let at = |i: usize| bytes.get(i).copied().unwrap_or(0);
     block_file(
@@ -80,10 +82,11 @@ pub(super) fn file(bytes: &[u8]) -> Vec<u8> {
     )
 }
 
-/// A VTP file of one triangle, whose points are bytes: one compressed block of a declared size.
+/// A VTP file of one triangle with the given bytes as points: one compressed block of a declared
+/// size.
 ///
-/// The two lowest bits of `choice` are the compressor (0: zlib, 1: lz4, 2: LZMA2 without its stream, 3: none), the next
-/// are 64-bit headers, big-endian numbers and base64.
+/// The two lowest bits of `choice` are the compressor (0: zlib, 1: lz4, 2: LZMA2 without its
+/// stream, 3: none); the next bits mean 64-bit headers, big-endian numbers and base64.
 pub fn block_file(choice: u8, size: u64, payload: &[u8]) -> Vec<u8> {
     let packed = if choice & 3 == 2 {
         xz(payload)
@@ -134,10 +137,10 @@ pub fn block_file(choice: u8, size: u64, payload: &[u8]) -> Vec<u8> {
     file
 }
 
-/// Checks the reader on a file whose compressed points are the bytes.
+/// Checks the reader with a file whose compressed points are the bytes.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_blocks(bytes: &[u8]) -> Result<Outcome, Breach> {
     check_reader(&file(bytes), |bytes| read_bytes(bytes, "a.vtp"))
 }
@@ -148,7 +151,7 @@ mod tests {
 
     const POINTS: [u8; 9] = [0, 0, 0, 1, 0, 0, 0, 1, 0];
 
-    /// Bytes that choose and then hold a block that is right.
+    /// Bytes that select and contain a valid block.
     fn whole(choice: u8, packed: &[u8]) -> Vec<u8> {
         [&[choice, 0, 9], packed].concat()
     }
@@ -163,7 +166,8 @@ mod tests {
             POINTS.into(),
         ];
         for (choice, packed) in (0u8..).zip(packed) {
-            // Without a compressor base64 is one stream with its header, which is not what this makes.
+            // Without a compressor base64 is one stream with its header, which this function does
+            // not produce.
             let choices = if choice == 3 { 0..4 } else { 0..8 };
             for more in choices {
                 let bytes = whole(choice | more << 2, &packed);

@@ -1,13 +1,13 @@
-//! What the reader of collections promises of any bytes: a collection that is read again as it was, or an error that helps
-//! (P45).
+//! Promise of the reader of collections for any bytes: a collection that is read again unchanged,
+//! or a helpful error (P45).
 
 use super::loaders::{Breach, Outcome, caught, check_error};
 use crate::io::pvd::{is_below, read_bytes};
 
-/// Checks the reader and the writer of collections on bytes.
+/// Checks the reader and the writer of collections with the given bytes.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_collection(bytes: &[u8]) -> Result<Outcome, Breach> {
     let collection = match caught(|| read_bytes(bytes, "a.pvd"))? {
         Err(error) => return check_error(&error, bytes),
@@ -23,7 +23,7 @@ pub fn check_collection(bytes: &[u8]) -> Result<Outcome, Breach> {
         });
     }
     let mut text = Vec::new();
-    // A vector takes all that is written.
+    // Writing to a vector cannot fail.
     let _ = collection.write_to(&mut text);
     let changed = |detail| {
         Err(Breach::Changed {

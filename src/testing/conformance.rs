@@ -7,28 +7,30 @@ use super::dual::Dual;
 use super::subject::{Fixed, Subject};
 use crate::constraints::{Parameter, Scalar, Spec};
 
-/// A check that did not hold.
+/// A failed check.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{subject}: {check} failed (seed {seed}): {detail}")]
 pub struct Failure {
-    /// Which constraint.
+    /// Name of the constraint.
     pub subject: String,
-    /// Which check.
+    /// Name of the check.
     pub check: &'static str,
     /// Seed that reproduces it.
     pub seed: u64,
-    /// Numbers.
+    /// Numbers of the failure.
     pub detail: String,
 }
 
-/// Margin on the first-order error bound of the oracle; the analytic form rounds elsewhere (tolerance T2).
+/// Margin on the first-order error bound of the oracle; the analytic form has other rounding errors
+/// (tolerance T2).
 const MARGIN: f64 = 64.0;
 
-/// The gradient of a subject at `x`, against dual numbers and finite differences; `size` is the length scale of the
-/// shape. Every gradient check goes through here, so that the negative controls test what is used.
+/// Checks the gradient of a subject at `x` against dual numbers and finite differences; `size` is
+/// the length scale of the shape. All gradient checks use this function, so that the negative
+/// controls test it.
 ///
 /// # Errors
-/// The first check that does not hold.
+/// The first failed check.
 pub fn check<T: Subject>(
     name: &str,
     subject: &T,
@@ -94,8 +96,8 @@ fn dual_exact<T: Subject>(
     Ok(())
 }
 
-/// P1: along three random directions the error of the central difference falls as h^2 until round-off, whose size is
-/// known from the oracle's bound.
+/// P1: along three random directions the error of the central difference falls as h^2 until
+/// round-off, whose size follows from the oracle's bound.
 fn taylor<T: Subject>(
     subject: &T,
     x: &[Point3<f64>],
@@ -141,10 +143,11 @@ fn taylor<T: Subject>(
     Ok(())
 }
 
-/// The whole suite for one kind: positions and parameters drawn, three scales, off the origin.
+/// The whole suite for one kind: random positions and parameters, three scales, away from the
+/// origin.
 ///
 /// # Errors
-/// The first check that does not hold.
+/// The first failed check.
 pub fn check_constraint<C: Spec<K>, const K: usize>(
     seed: u64,
     cases: usize,
@@ -181,7 +184,7 @@ pub fn check_constraint<C: Spec<K>, const K: usize>(
                 points,
                 &moved_parameters(C::PARAMETERS, &parameters, scale, &offset),
             );
-            // Close to the jump of an angle the difference quotient would straddle it: declared kink.
+            // Near the jump of an angle the difference quotient would straddle it: a declared kink.
             if C::DEGREE == 0 && kind.value(&std::array::from_fn(|k| moved[k])).abs() > 2.5 {
                 continue;
             }
@@ -191,7 +194,7 @@ pub fn check_constraint<C: Spec<K>, const K: usize>(
     Ok(())
 }
 
-/// Parameters of the same constraint after scaling and translating space.
+/// Parameters of the same constraint after scaling and translation of space.
 fn moved_parameters(
     kinds: &[Parameter],
     values: &[f64],
@@ -264,7 +267,7 @@ fn scaling<C: Spec<K>, const K: usize>(
     Ok(())
 }
 
-/// Each gradient has length one to rounding, as [`crate::constraints::LaneConstraint::UNIT`] declares.
+/// Checks that each gradient has length one up to rounding, as [`Constraint::UNIT`] declares.
 fn unit(gradient: &[Vector3<f64>]) -> Result<(), String> {
     let off = |g: &Vector3<f64>| (g.norm() - 1.0).abs();
     match gradient.iter().find(|g| !(off(g) <= 4.0 * f64::EPSILON)) {
@@ -278,7 +281,7 @@ fn balance<C: Spec<K>, const K: usize>(kind: &C, x: &[Point3<f64>]) -> Result<()
         .iter()
         .any(|p| matches!(p, Parameter::Coordinate(_) | Parameter::Direction(_)));
     if places {
-        // The other side of the force is the bone or the place, which is no particle.
+        // The reaction acts on the bone or the fixed position, which is no particle.
         return Ok(());
     }
     let Some((_, g)) = kind.value_and_gradient(&std::array::from_fn(|k| x[k])) else {
@@ -325,7 +328,7 @@ fn rotation<C: Spec<K>, const K: usize>(
     ) else {
         return Err("undefined".into());
     };
-    // An angle next to pi may come back as -pi: the same fold.
+    // An angle near pi can return as -pi: the same fold.
     let same = (c - d).abs() <= bound
         || (C::DEGREE == 0 && ((c - d).abs() - std::f64::consts::TAU).abs() <= bound);
     let steepest: f64 = g.iter().map(|g| g.norm()).sum();

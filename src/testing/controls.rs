@@ -5,19 +5,19 @@ use nalgebra::{Point3, Vector3};
 use super::subject::Subject;
 use crate::constraints::Scalar;
 
-/// A subject whose gradient was broken.
+/// A subject with a wrong gradient.
 #[derive(Clone, Debug)]
 pub struct Broken<T> {
-    /// The right one.
+    /// The correct subject.
     pub subject: T,
-    /// What is done to its gradient.
+    /// The change of its gradient.
     pub how: Deed,
 }
 
-/// Breaks a gradient.
+/// A change that makes a gradient wrong.
 pub type Deed = fn(&mut [Vector3<f64>]);
 
-/// Name and deed of each negative control.
+/// Name and change of each negative control.
 pub const CONTROLS: &[(&str, Deed)] = &[
     ("one component NaN", |g| g[0].x = f64::NAN),
     ("all NaN", |g| g.fill(Vector3::repeat(f64::NAN))),

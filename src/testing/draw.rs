@@ -1,4 +1,4 @@
-//! Seeded draws of hard numbers and shapes.
+//! Seeded random numbers and shapes for difficult cases.
 
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 
@@ -64,7 +64,8 @@ impl Draw {
         Rotation3::from_axis_angle(&axis, self.between(-3.0, 3.0))
     }
 
-    /// `count` points with dyadic coordinates, no two nearer than 0.2 and no three nearly on a line.
+    /// `count` points with dyadic coordinates, no two nearer than 0.2 and no three nearly
+    /// collinear.
     pub fn shape(&mut self, count: usize) -> Vec<Point3<f64>> {
         loop {
             let x: Vec<Point3<f64>> = (0..count)
@@ -80,7 +81,7 @@ impl Draw {
         }
     }
 
-    /// A value for each parameter, in the size of a shape of size 1.
+    /// A value for each parameter, for a shape of size 1.
     pub fn parameters(&mut self, kinds: &[Parameter]) -> Vec<f64> {
         let direction = self.direction();
         let (a, b) = (self.between(0.1, 0.5), self.between(0.1, 0.4));

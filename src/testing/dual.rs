@@ -1,4 +1,4 @@
-//! Dual numbers that know how much rounding they carry: the independent oracle of every gradient.
+//! Dual numbers with a bound on their rounding error: the independent oracle of every gradient.
 
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -11,7 +11,7 @@ use crate::constraints::Scalar;
 pub struct Tracked {
     /// The value.
     pub value: f64,
-    /// Sum of the absolute terms that rounding acted on.
+    /// Sum of the absolute values of rounded terms.
     pub error: f64,
 }
 
@@ -46,7 +46,7 @@ impl Tracked {
     }
 }
 
-/// A value and its derivative in one direction, both with their rounding.
+/// A value and its derivative in one direction, both with a bound on the rounding error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dual {
     /// The value.

@@ -1,4 +1,5 @@
-//! What a reader promises of any bytes: a valid mesh, or an error that helps (P45). Fuzz targets and tests share this.
+//! Promise of readers for any bytes: a valid mesh, or a helpful error (P45). Fuzz targets and tests
+//! share this module.
 
 use std::ffi::OsString;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -9,24 +10,26 @@ use crate::mesh::TriangleMesh;
 use crate::scene::content::Content;
 use crate::scene::{SceneError, Surroundings, parse_content};
 
-/// The most bytes of a file that an error may quote.
+/// Greatest number of bytes of a file that an error may quote.
 const LONGEST_TOKEN: usize = 64;
 
-/// The longest text of an error [bytes]: what is wrong, a token of 64 bytes of which each may become `\u{1b}`, what to do.
+/// Greatest length of the text of an error [bytes]: problem, a token of 64 bytes of which each can
+/// become `\u{1b}`, advice.
 const LONGEST_TEXT: usize = 2000;
 
-/// A reader: what its files are called and how they begin.
+/// A reader with the name and first bytes of its files.
 #[derive(Clone, Copy, Debug)]
 pub struct Loader {
     /// Name of the fuzz target, of its dictionary and of the folder of its crashes.
     pub name: &'static str,
     /// Name of a file of the format.
     pub file: &'static str,
-    /// How files of the format begin; other bytes get the last of these in front, so that they reach this reader.
+    /// First bytes of files of the format; other bytes get the last of these as a prefix, so that
+    /// they reach this reader.
     pub starts: &'static [&'static [u8]],
 }
 
-/// Every reader; `any` leaves the format to the content.
+/// Every reader; for `any` the content decides on the format.
 pub const LOADERS: [Loader; 8] = [
     Loader {
         name: "obj",
@@ -70,38 +73,38 @@ pub const LOADERS: [Loader; 8] = [
     },
 ];
 
-/// How a promise was broken.
+/// Kinds of broken promises.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Breach {
     /// The reader panicked.
     #[error("panicked: {message}")]
     Panicked {
-        /// What the panic said.
+        /// Message of the panic.
         message: String,
     },
-    /// The mesh has an index, a coordinate or a line that no mesh may have.
+    /// The mesh has an invalid index, coordinate or line.
     #[error("accepted what is no mesh: {detail}")]
     Invalid {
-        /// What is wrong with it.
+        /// The defect.
         detail: String,
     },
-    /// The error's text is not one printable line with a code, or its place does not exist.
+    /// The text of the error is not one printable line with a code, or its place does not exist.
     #[error("{wanted}, but the error is {text:?}")]
     Unhelpful {
-        /// What the text should be.
+        /// Description of the required text.
         wanted: &'static str,
         /// The text.
         text: String,
     },
-    /// What was written is read as something else.
+    /// A written file has another content when read.
     #[error("{writer}: {detail}")]
     Changed {
-        /// Which writer.
+        /// Name of the writer.
         writer: &'static str,
         /// The difference.
         detail: String,
     },
-    /// There is no check of that name.
+    /// No check has that name.
     #[error("no reader is called {name}")]
     Unknown {
         /// The name.
@@ -109,20 +112,20 @@ pub enum Breach {
     },
 }
 
-/// What a promise that was kept looked like.
+/// Results that keep the promise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// A valid mesh or scene.
     Accepted,
-    /// An error that helps.
+    /// A helpful error.
     Refused,
 }
 
-/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `springs`, `pvd`, `write`, `repair`
-/// or `state`.
+/// Runs the check of a fuzz target by name: a reader of [`LOADERS`], `blocks`, `scene`, `springs`,
+/// `pvd`, `write`, `repair` or `state`.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
     match name {
         "blocks" => super::blocks::check_blocks(bytes),
@@ -141,10 +144,10 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
     }
 }
 
-/// Checks a reader on bytes, which are made to begin as its files do.
+/// Checks a reader with bytes, after adding the first bytes of its format.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<Outcome, Breach> {
     let read = |bytes: &[u8]| check_reader(bytes, |bytes| read_bytes(bytes, loader.file));
     if let (Some(start), false) = (
@@ -160,7 +163,8 @@ pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<Outcome, Breach> {
     }
 }
 
-/// Binary STL with the number of triangles that fits its size; nearly all changed files would fail at that alone.
+/// Binary STL with the number of triangles that matches its size; most mutated files would fail at
+/// that alone.
 fn sized_stl(bytes: &[u8]) -> Option<Vec<u8>> {
     let count = bytes.len().checked_sub(84)? / 50;
     let mut sized = bytes[..84 + 50 * count].to_vec();
@@ -168,7 +172,7 @@ fn sized_stl(bytes: &[u8]) -> Option<Vec<u8>> {
     Some(sized)
 }
 
-/// Checks any reader on bytes.
+/// Checks any reader with bytes.
 ///
 /// # Errors
 /// The first promise that is broken.
@@ -182,7 +186,7 @@ pub fn check_reader(
     }
 }
 
-/// Runs something that must not panic.
+/// Runs a function that must not panic.
 pub(super) fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
     catch_unwind(AssertUnwindSafe(deed)).map_err(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
@@ -243,7 +247,7 @@ pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Br
     }
 }
 
-/// One printable line with a code, of a length that can be read.
+/// Checks for one printable line with a code, of limited length.
 fn check_text(text: &str) -> Result<(), Breach> {
     let code = text
         .split_once("error[E")
@@ -264,7 +268,8 @@ fn check_text(text: &str) -> Result<(), Breach> {
     })
 }
 
-/// The fewest bytes of a file that give a quotation: an escape and a sign for damaged text stand for one byte each.
+/// Least number of bytes of a file that give a quotation: an escape or a replacement character
+/// represents one byte.
 fn quoted_bytes(found: &str) -> usize {
     let mut rest = found.strip_suffix('…').unwrap_or(found);
     let mut bytes = 0;
@@ -284,7 +289,7 @@ fn quoted_bytes(found: &str) -> usize {
     bytes
 }
 
-/// The length of an escape behind its backslash; a backslash of the file itself is quoted as it stands.
+/// Length of an escape after its backslash; a backslash of the file itself is quoted unchanged.
 fn escape_length(tail: &str) -> Option<usize> {
     if tail.starts_with(['n', 'r', 't']) {
         return Some(1);
@@ -297,7 +302,7 @@ fn escape_length(tail: &str) -> Option<usize> {
         .then_some(length + 3)
 }
 
-/// Whether a text has a line, or had it if one more followed, and in it a column.
+/// True if a text has the line, or would have it with one more line, and the column in it.
 fn has_place(bytes: &[u8], line: usize, column: Option<u32>) -> bool {
     let mut lines = Vec::new();
     let mut start = 0;
@@ -327,12 +332,13 @@ fn has_place(bytes: &[u8], line: usize, column: Option<u32>) -> bool {
     }
 }
 
-/// Checks the reader of scenes on a text; bytes that are no text are made one.
+/// Checks the reader of scenes with a text; other bytes are converted to text.
 ///
-/// Files are only asked whether they exist, and relative ones are looked for in a folder that does not.
+/// Files are only tested for existence, and relative ones are searched in a folder that does not
+/// exist.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_scene(bytes: &[u8]) -> Result<Outcome, Breach> {
     let text = String::from_utf8_lossy(bytes);
     let folder = Path::new("no-such-folder");
@@ -364,7 +370,7 @@ fn check_scene_error(error: &SceneError) -> Result<Outcome, Breach> {
             text,
         });
     }
-    // A caret is drawn below these bytes.
+    // A caret marks these bytes.
     match error.source_text().get(error.span()) {
         Some(_) => Ok(Outcome::Refused),
         None => Err(Breach::Unhelpful {

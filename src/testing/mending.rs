@@ -1,4 +1,5 @@
-//! What a repair promises of any mesh: a valid mesh without what it takes away, and a list of changes that fits.
+//! Promise of a repair for any mesh: a valid mesh without the repaired defects, and a matching list
+//! of changes.
 
 use super::loaders::{Breach, Outcome};
 use super::round_trip::drawing;
@@ -6,14 +7,14 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::health::Health;
 use crate::mesh::repair::{Options, Repaired, Step, deviation, repair};
 
-/// Examines and repairs a mesh made of bytes, with options made of the first two.
+/// Examines and repairs a mesh made from bytes, with options from the first two bytes.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_repair(bytes: &[u8]) -> Result<Outcome, Breach> {
     let (&[choice, holes], rest) = bytes.split_first_chunk().unwrap_or((&[0, 0], bytes));
     let (mut mesh, lines) = drawing(rest);
-    // A reader leaves these out.
+    // Readers leave these out.
     mesh.triangles
         .retain(|[a, b, c]| a != b && b != c && c != a);
     let Ok(mesh) = TriangleMesh::new(mesh.vertices, mesh.triangles) else {
@@ -37,12 +38,12 @@ pub fn check_repair(bytes: &[u8]) -> Result<Outcome, Breach> {
     };
     let repaired = repair(&mesh, &lines, &options);
     check_repaired(&mesh, &lines, &repaired)?;
-    // Of what is far too large for a double, distances are none; they must be asked for all the same.
+    // Distances overflow for extremely large coordinates; the function must still run.
     let _ = deviation(&mesh, &repaired.mesh);
     Ok(Outcome::Accepted)
 }
 
-/// Checks what a repair made of a mesh with valid indices and finite coordinates.
+/// Checks the repair of a mesh with valid indices and finite coordinates.
 ///
 /// # Errors
 /// The first promise that is broken.
@@ -118,7 +119,7 @@ mod tests {
     use super::*;
     use crate::mesh::shapes::icosphere;
 
-    /// Each promise, broken by hand, must be noticed.
+    /// Each promise, broken deliberately, must be detected.
     #[test]
     fn control_broken_promises_are_noticed() {
         let mesh = icosphere(1.0, 1);

@@ -1,6 +1,7 @@
-//! Conformance checks of constraints and of readers, generators of hard cases; the one room that may know all others.
+//! Conformance checks of constraints and readers, generators of difficult cases; this module may
+//! import all others.
 //!
-//! Available to this crate's tests, and to others with the feature `testing`.
+//! Available to this crate's tests, and to other crates with the feature `testing`.
 
 mod blocks;
 mod collections;

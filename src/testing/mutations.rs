@@ -1,8 +1,8 @@
-//! Seeded changes of files: bytes, words, lines, numbers, parts of two files, lengths.
+//! Seeded mutations of files: bytes, words, lines, numbers, splices, lengths.
 
 use super::draw::Draw;
 
-/// Numbers at which readers of text go wrong.
+/// Difficult numbers for readers of text.
 const HARD_TEXT: [&[u8]; 34] = [
     b"0",
     b"-0",
@@ -40,7 +40,7 @@ const HARD_TEXT: [&[u8]; 34] = [
     b"0x10",
 ];
 
-/// Bytes at which readers of binary data go wrong, in both orders.
+/// Difficult numbers for readers of binary data, in both byte orders.
 const HARD_BYTES: [&[u8]; 20] = [
     &[0],
     &[1],
@@ -64,17 +64,17 @@ const HARD_BYTES: [&[u8]; 20] = [
     &[0x7f, 0xf0, 0, 0, 0, 0, 0, 0],
 ];
 
-/// The longest file that is made [bytes].
+/// Greatest length of a mutated file [bytes].
 const LONGEST: usize = 8192;
 
-/// Changes files, the same ones for the same seed.
+/// Mutates files, deterministically for a seed.
 pub struct Mutator {
     draw: Draw,
     words: Vec<Vec<u8>>,
 }
 
 impl Mutator {
-    /// Draws from a seed and puts in words of a format now and then.
+    /// Creates a mutator from a seed, with the words of a format that it inserts occasionally.
     pub fn new(seed: u64, words: Vec<Vec<u8>>) -> Self {
         Self {
             draw: Draw::new(seed),
@@ -82,10 +82,10 @@ impl Mutator {
         }
     }
 
-    /// A changed file: up to six changes of one of several files, more often few than many.
+    /// A mutated file: up to six changes of one of several files, more often few than many.
     ///
     /// # Panics
-    /// Where there is no file.
+    /// If there is no file.
     pub fn mutate(&mut self, files: &[Vec<u8>]) -> Vec<u8> {
         let mut bytes = files[self.draw.index(files.len())].clone();
         let most = 1 + self.draw.index(6);
@@ -106,7 +106,7 @@ impl Mutator {
         bytes
     }
 
-    /// A part of `0..length`, seldom long.
+    /// A part of `0..length`, mostly short.
     fn part(&mut self, length: usize) -> std::ops::Range<usize> {
         let start = self.draw.index(length + 1);
         let reach = [1, 4, 16, 256][self.draw.index(4)];
@@ -126,7 +126,7 @@ impl Mutator {
         }
     }
 
-    /// Puts a word of the format in the place of one, or before it.
+    /// Replaces a word by a word of the format, or inserts it before.
     fn change_word(&mut self, bytes: &mut Vec<u8>) {
         if self.words.is_empty() {
             return;
@@ -139,7 +139,7 @@ impl Mutator {
         bytes.splice(place, word);
     }
 
-    /// The bytes of one kind around a place.
+    /// The bytes of one kind around a position.
     fn around(&mut self, bytes: &[u8], inside: impl Fn(u8) -> bool) -> std::ops::Range<usize> {
         let at = self.draw.index(bytes.len() + 1);
         let start = bytes[..at]
@@ -153,7 +153,7 @@ impl Mutator {
         start..end
     }
 
-    /// Takes a line out, doubles it, or puts another in its place.
+    /// Removes a line, duplicates it, or replaces it by another.
     fn change_line(&mut self, bytes: &mut Vec<u8>) {
         let line = self.around(bytes, |b| b != b'\n');
         let line = line.start..(line.end + 1).min(bytes.len());
@@ -166,7 +166,7 @@ impl Mutator {
         }
     }
 
-    /// Puts a hard number in the place of one of text, or of some bytes.
+    /// Replaces a number of text, or some bytes, by a difficult number.
     fn change_number(&mut self, bytes: &mut Vec<u8>) {
         if self.draw.index(2) == 0 {
             let hard = HARD_BYTES[self.draw.index(HARD_BYTES.len())];
@@ -180,7 +180,7 @@ impl Mutator {
         bytes.splice(number, hard.iter().copied());
     }
 
-    /// Goes on with a part of another file.
+    /// Continues with a part of another file.
     fn splice(&mut self, bytes: &mut Vec<u8>, other: &[u8]) {
         let place = self.part(bytes.len());
         let part = if self.draw.index(2) == 0 {
@@ -191,7 +191,7 @@ impl Mutator {
         bytes.splice(place, other[part].iter().copied());
     }
 
-    /// Cuts, repeats a part, or lets something follow.
+    /// Truncates, repeats a part, or appends bytes.
     fn change_length(&mut self, bytes: &mut Vec<u8>) {
         let part = self.part(bytes.len());
         match self.draw.index(4) {
@@ -213,7 +213,7 @@ impl Mutator {
     }
 }
 
-/// The words of a dictionary of libFuzzer: a line each, in quotes, with `\"`, `\\` and `\xNN`.
+/// The words of a libFuzzer dictionary: one per line, in quotes, with `\"`, `\\` and `\xNN`.
 pub fn dictionary(text: &str) -> Vec<Vec<u8>> {
     text.lines()
         .filter_map(|line| line.trim().strip_prefix('"')?.strip_suffix('"'))

@@ -1,4 +1,5 @@
-//! What the reader of a simulation's state promises of any bytes: the state that they say, or an error.
+//! Promise of the reader of a simulation's state for any bytes: the state in the bytes, or an
+//! error.
 
 use std::path::Path;
 
@@ -8,7 +9,7 @@ use crate::simulation::Simulation;
 use crate::simulation::checkpoint::Checkpoint;
 use crate::state::{Reader, State, Writer};
 
-/// A tetrahedron that touches another, small but with contact, history and volume.
+/// A tetrahedron in contact with another, small but with contact, history and volume.
 const SCENE: &str = r#"
 name = "small"
 frames = 9
@@ -40,7 +41,7 @@ force = ["0 N", "0 N", "-10 N"]
 thickness = "10 mm"
 "#;
 
-/// Settings of the solvers whose state differs.
+/// Settings of the solvers with different states.
 const SOLVERS: [&str; 3] = [
     "[solver.pbd]",
     "[solver.xpbd]\nsubsteps = 4",
@@ -52,7 +53,7 @@ fn small(solver: usize) -> Option<Simulation> {
     Simulation::new(parse(&text, "small.toml", Path::new(".")).ok()?).ok()
 }
 
-/// States of small simulations after some frames, the number of the solver before each.
+/// States of small simulations after some frames, each after the index of its solver.
 pub(super) fn states() -> Vec<Vec<u8>> {
     let mut all = Vec::new();
     for solver in 0..SOLVERS.len() {
@@ -71,11 +72,11 @@ pub(super) fn states() -> Vec<Vec<u8>> {
     all
 }
 
-/// Checks that bytes, the first the number of a solver, are refused or are a state that is saved as the same bytes; and
-/// that as a checkpoint they are refused or opened.
+/// Checks that bytes, the first one the index of a solver, are rejected or are a state that is
+/// saved as the same bytes; and that as a checkpoint they are rejected or opened.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_state(bytes: &[u8]) -> Result<Outcome, Breach> {
     let opened = caught(|| {
         Checkpoint::open(bytes)

@@ -1,4 +1,5 @@
-//! A mesh made of any bytes, through every writer and back: the same bits, or a refusal that has its reason.
+//! Round trip of a mesh made from any bytes through every writer and reader: the same bits, or a
+//! justified rejection.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -9,18 +10,19 @@ use super::loaders::{Breach, Outcome};
 use crate::io::{MeshFile, Warning, obj, ply, read, stl, vtk, vtp};
 use crate::mesh::TriangleMesh;
 
-/// The most vertices, so that an index is one byte.
+/// Greatest number of vertices, so that an index is one byte.
 const MOST_VERTICES: usize = 40;
 
 /// A mesh and polylines.
 type Drawing = (TriangleMesh, Vec<Vec<u32>>);
 
-/// A writer, and what its format keeps.
+/// A writer with the properties of its format.
 struct Writer {
     name: &'static str,
     write: fn(&Path, &Drawing) -> io::Result<()>,
     keeps_lines: bool,
-    /// What becomes of a coordinate in a format of corners; `None` where vertices keep their bits and their order.
+    /// Change of a coordinate in a format of corners; `None` if vertices keep their bits and their
+    /// order.
     corners: Option<fn(f64) -> f64>,
 }
 
@@ -91,12 +93,14 @@ fn write_vtp(path: &Path, (mesh, lines): &Drawing) -> io::Result<()> {
     vtp::write(path, &data)
 }
 
-/// A mesh whose numbers are the bytes: counts, coordinates of eight bytes, indices of one, now and then out of range.
+/// A mesh whose numbers come from the bytes: counts, coordinates of eight bytes, indices of one
+/// byte, some of them out of range.
 pub fn drawing(bytes: &[u8]) -> (TriangleMesh, Vec<Vec<u32>>) {
     let mut rest = bytes.iter().copied();
     let mut byte = || usize::from(rest.next().unwrap_or(0));
     let (vertices, triangles, lines) = (byte() % (MOST_VERTICES + 1), byte() % 64, byte() % 8);
-    // Bits of any kind are nearly always a number of strange size; the first byte may ask for plain ones instead.
+    // Random bits are nearly always a number of extreme size; the first byte can select plain ones
+    // instead.
     let mut coordinate = || match byte() % 4 {
         0 => f64::from_be_bytes(std::array::from_fn(|_| byte() as u8)),
         1 => f64::from(f32::from_be_bytes(std::array::from_fn(|_| byte() as u8))),
@@ -123,10 +127,10 @@ pub fn drawing(bytes: &[u8]) -> (TriangleMesh, Vec<Vec<u32>>) {
     )
 }
 
-/// Writes a mesh made of bytes in every format, reads it again and compares.
+/// Writes a mesh made from bytes in every format, reads it again and compares.
 ///
 /// # Errors
-/// A file that differs, an error for a mesh that can be written, none for one that cannot.
+/// A different file, an error for a mesh that can be written, or no error for one that cannot.
 pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
     let drawing = drawing(bytes);
     let mut outcome = Outcome::Refused;
@@ -134,7 +138,7 @@ pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
         let path = scratch(writer.name);
         let done = (writer.write)(&path, &drawing);
         let result = compare(writer, &drawing, &path, done);
-        // Not every mesh gets a file.
+        // Not every mesh gives a file.
         let _ = std::fs::remove_file(&path);
         match result {
             Ok(Outcome::Accepted) => outcome = Outcome::Accepted,
@@ -150,7 +154,7 @@ pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
     Ok(outcome)
 }
 
-/// A file of this process and thread alone.
+/// A file name of this process and thread alone.
 fn scratch(name: &str) -> PathBuf {
     let thread: String = format!("{:?}", std::thread::current().id())
         .chars()
@@ -195,13 +199,13 @@ fn compare(
             expected.compare(&file, writer).map(|()| Outcome::Accepted)
         }
         Ok(_) => Err("a mesh that is none was written and read".into()),
-        // The writer of frames passes on what it is given; its readers refuse it.
+        // The writer of frames accepts any mesh; its readers reject an invalid one.
         Err(_) if !numbers || !ends || expected.is_empty() => Ok(Outcome::Refused),
         Err(error) => Err(error.terse()),
     }
 }
 
-/// What a reader must find: triangles that name or have a corner twice are left out.
+/// The expected result of a reader: triangles with a repeated vertex or corner are left out.
 struct Expected {
     vertices: Vec<[u64; 3]>,
     triangles: Vec<[u32; 3]>,
@@ -245,7 +249,7 @@ impl Expected {
         }
     }
 
-    /// Nothing that a reader accepts.
+    /// True if no reader accepts the mesh.
     fn is_empty(&self) -> bool {
         self.vertices.is_empty() || self.triangles.is_empty() && self.lines.is_empty()
     }

@@ -1,14 +1,14 @@
-//! Places for the files of one test.
+//! Temporary folders for the files of one test.
 
 use std::fs;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Places that this process has taken.
+/// Number of folders that this process has created.
 static TAKEN: AtomicU32 = AtomicU32::new(0);
 
-/// A folder or a file name that nothing else uses; all that is there goes with it.
+/// A unique folder or file name; the content is removed with this value.
 #[derive(Debug)]
 pub struct Scratch {
     folder: PathBuf,
@@ -19,7 +19,7 @@ impl Scratch {
     /// An empty folder.
     ///
     /// # Panics
-    /// Where the folder for temporary files cannot be written to.
+    /// If the folder for temporary files is not writable.
     #[must_use]
     pub fn folder() -> Self {
         let name = format!(
@@ -28,7 +28,7 @@ impl Scratch {
             TAKEN.fetch_add(1, Ordering::Relaxed)
         );
         let folder = std::env::temp_dir().join(name);
-        // Of a process that had the same number and was killed.
+        // Left from a killed process with the same number.
         let _ = fs::remove_dir_all(&folder);
         if let Err(error) = fs::create_dir_all(&folder) {
             panic!("{}: {error}", folder.display());
@@ -39,10 +39,10 @@ impl Scratch {
         }
     }
 
-    /// The name of a file that is not there yet, in a folder of its own.
+    /// The name of a file that does not exist yet, in its own folder.
     ///
     /// # Panics
-    /// As [`Self::folder`].
+    /// Those of [`Self::folder`].
     #[must_use]
     pub fn file(name: &str) -> Self {
         let mut place = Self::folder();

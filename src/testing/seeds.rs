@@ -1,4 +1,4 @@
-//! Small files of every format and dialect, made by code: what fuzzing and mutations begin with.
+//! Small generated files of every format and dialect: the start of fuzzing and mutations.
 
 use super::blocks::base64;
 use crate::scene::builtin::BUILTIN;
@@ -14,7 +14,7 @@ const POINTS: [[f32; 3]; 4] = [
 /// The same points as text.
 const LINES: &str = "0 0 0\n1 0 .25\n1.0 15e-1 -0\n-1e-3 1 0\n";
 
-/// Small files for a target of [`check_target`](super::check_target); none for a name that is not known.
+/// Small files for a target of [`check_target`](super::check_target); empty for an unknown name.
 pub fn seeds(target: &str) -> Vec<Vec<u8>> {
     match target {
         "obj" => obj(),
@@ -28,7 +28,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
             let all = ["obj", "ply", "stl", "off", "vtk", "vtp", "directx"]
                 .iter()
                 .flat_map(|t| seeds(t));
-            // OFF without its keyword is known by its name alone.
+            // OFF without its keyword is recognised by its name alone.
             all.filter(|seed| !seed[0].is_ascii_digit()).collect()
         }
         "blocks" => blocks(),
@@ -236,7 +236,7 @@ fn vtk_binary() -> Vec<Vec<u8>> {
     vec![old.concat(), new.concat(), grid.concat()]
 }
 
-/// An array of a file, its type and its name as attributes, and what stands between its tags.
+/// An array of a file: type and name as attributes, and the text between its tags.
 fn array(attributes: &str, text: &str) -> String {
     format!("<DataArray {attributes}>{text}</DataArray>\n")
 }
@@ -263,7 +263,7 @@ fn arrays() -> [Vec<u8>; 3] {
     ]
 }
 
-/// The chunks of LZMA2 of bytes that are stored and not made shorter.
+/// The LZMA2 chunks of stored, uncompressed bytes.
 fn stored(bytes: &[u8]) -> Vec<u8> {
     let length = (bytes.len() - 1) as u16;
     [&[1][..], &length.to_be_bytes(), bytes, &[0]].concat()
@@ -283,7 +283,7 @@ fn polygons(texts: [String; 2], how: &str) -> String {
         .collect()
 }
 
-/// A way to make bytes shorter.
+/// A function that compresses bytes.
 type Pack = fn(&[u8]) -> Vec<u8>;
 
 fn vtp() -> Vec<Vec<u8>> {
@@ -342,7 +342,7 @@ fn packed(compressor: &str, pack: Pack, bytes: &[u8]) -> [Vec<u8>; 2] {
 fn inline(compressor: &str, pack: Pack) -> Vec<u8> {
     let [points, corners, ends] = arrays().map(|bytes| {
         let parts = packed(compressor, pack, &bytes);
-        // Without a compressor header and bytes are one stream, with one each has its padding.
+        // Without a compressor header and bytes are one stream; with one each has its own padding.
         let letters = if compressor.is_empty() {
             base64(&parts.concat())
         } else {
@@ -363,7 +363,7 @@ fn inline(compressor: &str, pack: Pack) -> Vec<u8> {
     )
 }
 
-/// Arrays as they are, behind all tags.
+/// Raw arrays after all tags.
 fn appended(compressor: &str, pack: Pack) -> Vec<u8> {
     let mut data = Vec::new();
     let offsets = arrays().map(|bytes| {
@@ -401,7 +401,7 @@ fn directx() -> Vec<Vec<u8>> {
     ])
 }
 
-/// Choices and packed bytes for [`check_blocks`](super::blocks::check_blocks).
+/// Choices and compressed bytes for [`check_blocks`](super::blocks::check_blocks).
 fn blocks() -> Vec<Vec<u8>> {
     let points = [0, 0, 0, 1, 0, 0, 0, 1, 0].repeat(30);
     // The same bytes by liblzma, as raw LZMA2.
@@ -450,7 +450,7 @@ fn write() -> Vec<Vec<u8>> {
 
 /// Options, and a mesh for [`check_repair`](super::mending::check_repair).
 fn repair() -> Vec<Vec<u8>> {
-    // A cube on a grid of whole numbers, and a heap of triangles over its corners.
+    // A cube on an integer grid, and many triangles over its corners.
     let corners = (0..8u8).flat_map(|k| [k & 1, k >> 1 & 1, k >> 2]);
     let cube: Vec<u8> = corners.flat_map(|c| [2, 128 + c]).collect();
     let faces = [
@@ -482,7 +482,7 @@ mod tests {
     use super::super::{Outcome, check_target};
     use super::*;
 
-    /// What no reader takes would only teach how to be refused.
+    /// A seed that no reader accepts would only exercise rejections.
     #[test]
     fn every_seed_is_a_mesh_or_a_scene() {
         let targets = [

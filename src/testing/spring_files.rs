@@ -1,12 +1,12 @@
-//! What the reader of spring systems promises of any bytes: a valid system, or an error that helps (P45).
+//! Promise of the reader of spring systems for any bytes: a valid system, or a helpful error (P45).
 
 use super::loaders::{Breach, Outcome, caught, check_error};
 use crate::springs::format::{SpringFile, read_bytes, write_to};
 
-/// Checks the reader and the writer of spring systems on bytes.
+/// Checks the reader and the writer of spring systems with the given bytes.
 ///
 /// # Errors
-/// The first promise that is broken.
+/// The first broken promise.
 pub fn check_spring_file(bytes: &[u8]) -> Result<Outcome, Breach> {
     match caught(|| read_bytes(bytes, "a.springs"))? {
         Err(error) => check_error(&error, bytes),
@@ -42,7 +42,7 @@ fn check_file(file: SpringFile) -> Result<Outcome, Breach> {
     {
         return invalid("a coordinate that is not finite");
     }
-    // Finite coordinates may be further apart than a double tells: then there is no rest length.
+    // The distance of finite coordinates can overflow: then there is no rest length.
     let far = file
         .position
         .iter()
@@ -51,9 +51,9 @@ fn check_file(file: SpringFile) -> Result<Outcome, Breach> {
         return invalid("springs that are none");
     }
     let mut text = Vec::new();
-    // A vector takes all that is written.
+    // Writing to a vector cannot fail.
     let _ = write_to(&mut text, &file);
-    // Notes are of the file as it was found.
+    // Notes belong to the original file.
     let without = |file: SpringFile| SpringFile {
         notes: Vec::new(),
         ..file

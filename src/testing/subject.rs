@@ -1,4 +1,4 @@
-//! What the conformance suite checks: any function of points with an analytic gradient.
+//! Subjects of the conformance suite: any function of points with an analytic gradient.
 
 use nalgebra::{Point3, Vector3};
 
@@ -8,7 +8,7 @@ use crate::constraints::{Constraint, EnclosedVolume, Scalar};
 pub trait Subject {
     /// Number of points.
     fn count(&self) -> usize;
-    /// The function in any number.
+    /// The function for any scalar type.
     fn value<S: Scalar>(&self, x: &[Point3<S>]) -> S;
     /// The function and its gradient.
     fn value_and_gradient(&self, x: &[Point3<f64>]) -> Option<(f64, Vec<Vector3<f64>>)>;

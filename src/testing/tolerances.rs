@@ -1,4 +1,4 @@
-//! Every tolerance of the suite, once; `docs/verification.md` gives the reason of each.
+//! Every tolerance of the suite; `docs/verification.md` explains each.
 
 /// T1: exact identities, multiples of machine precision of the sum of absolute terms.
 pub const T1: f64 = 64.0 * f64::EPSILON;
@@ -47,7 +47,7 @@ pub const T22: f64 = 0.024;
 /// T23: two shapes at the same angle, reached by different ways, over the length of the muscle.
 pub const T23: f64 = 2e-7;
 
-/// All of them by name, in order.
+/// All tolerances by name, in order.
 pub const ALL: &[(&str, f64)] = &[
     ("T1", T1),
     ("T2", T2),
@@ -74,7 +74,7 @@ pub const ALL: &[(&str, f64)] = &[
     ("T23", T23),
 ];
 
-/// Number of drawn cases: `default`, or what `PLIANT_CASES` says.
+/// Number of random cases: `default`, or the value of `PLIANT_CASES`.
 pub fn cases(default: usize) -> usize {
     std::env::var("PLIANT_CASES")
         .ok()
@@ -82,7 +82,7 @@ pub fn cases(default: usize) -> usize {
         .unwrap_or(default)
 }
 
-/// The largest of some errors, NaN if one is: `f64::max` would hide it.
+/// The largest of some errors; NaN if one is NaN, which `f64::max` would hide.
 pub fn worst(errors: impl IntoIterator<Item = f64>) -> f64 {
     errors.into_iter().fold(0.0, |worst: f64, e| {
         if worst.is_nan() || e <= worst {

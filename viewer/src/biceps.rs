@@ -1,8 +1,10 @@
-//! The geometric muscle as a subject: its length by an animation or by hand, its nodes moved, its volume kept.
+//! The geometric muscle in a session: its length from an animation or by hand, changes of its nodes
+//! at constant volume.
 //!
-//! Paths of changes: `length` is the present length and takes it from the animation, which has it again after `animation=on`;
-//! all others change the muscle at rest and with it the volume that is kept: `radii.N`, `grow_mults.N`, `frame.N` (counted
-//! from 0), `insert`, `min_part`, `max_part`, `caps`. Numbers without a unit are in the unit of the file.
+//! Paths of changes: `length` is the present length and replaces the animation until
+//! `animation=on`. All other paths change the muscle at rest, and with it the constant volume:
+//! `radii.N`, `grow_mults.N`, `frame.N` (from 0), `insert`, `min_part`, `max_part`, `caps`. Numbers
+//! without a unit are in the unit of the file.
 
 use std::sync::Arc;
 
@@ -21,53 +23,53 @@ use pliant::geometric::{Chain, ChainError, Shape};
 use pliant::mesh::Topology;
 use pliant::scene::units::{Dimension, parse};
 
-/// Frames a second.
+/// Frames per second.
 const RATE: f64 = 30.0;
 
-/// Frames from rest over the longest and the shortest back to rest.
+/// Number of frames from rest to the longest, to the shortest and back to rest.
 const PERIOD: u32 = 60;
 
-/// Nodes that a control inserts between each two, at most.
+/// Greatest number of inserted nodes between each two.
 const MOST_INSERTED: u32 = 20;
 
-/// Halvings of the bracket of a radius: to the last bit.
+/// Bisections of a radius: to the last bit.
 const HALVINGS: u32 = 200;
 
-/// A length may be beyond an end of its range by this share of it: what a text of another unit rounds to.
+/// Relative tolerance of a length at an end of its range, for the rounding of another unit.
 const ROUNDED: f64 = 1e-12;
 
-/// Every path but those of nodes.
+/// Every path except those of nodes.
 const PATHS: &str = "length, animation, radii.N and grow_mults.N of node N from 0, frame.N, insert, min_part, max_part, caps";
 
-/// A file with changes, read.
+/// A file with changes, as a model.
 struct Model {
     muscle: Muscle,
-    /// The nodes of the file, without those that are inserted.
+    /// The nodes of the file, without inserted ones.
     shape: Shape,
     insert: usize,
 }
 
-/// A geometric muscle that is looked at.
+/// A geometric muscle in a session.
 pub(super) struct Biceps {
     recipe: Recipe,
     model: Model,
-    /// Whether its length is set by hand.
+    /// True if the length is set by hand.
     by_hand: bool,
     frame: usize,
     pose: Pose,
     stage: Arc<Stage>,
     controls: Arc<Vec<Control>>,
-    /// Ends of the sliders of radii [m] and growth multipliers, from the start.
+    /// Upper ends of the sliders of radii [m] and growth multipliers, from the start.
     most: (f64, f64),
     probe: Option<(usize, usize)>,
 }
 
-/// Whether a text is the file of a geometric muscle.
+/// True if a text is the file of a geometric muscle.
 pub(super) fn is_biceps(text: &str) -> bool {
     toml::from_str::<Table>(text).is_ok_and(|keys| keys.contains_key("radii"))
 }
 
-/// A length [m] as written: with a unit, or a number in that of the file.
+/// A length [m] from a text with a unit, or from a number in the unit of the file.
 fn length(value: &str, unit: f64) -> Result<f64, Refused> {
     match value.trim().parse::<f64>() {
         Ok(number) => Ok(number * unit),
@@ -84,7 +86,7 @@ fn plain(path: &str, value: &str) -> Result<f64, Refused> {
     value.trim().parse().map_err(|_| wanted())
 }
 
-/// Puts a value at a path of the file.
+/// Sets a value at a path of the file.
 fn put(keys: &mut Table, path: &str, value: &str, unit: f64) -> Result<(), Refused> {
     let unknown = || Refused::NoPath {
         path: path.to_owned(),
@@ -125,7 +127,7 @@ fn put(keys: &mut Table, path: &str, value: &str, unit: f64) -> Result<(), Refus
 }
 
 impl Model {
-    /// The file with all changes that are not of the present length.
+    /// The file with all changes except that of the present length.
     fn of(recipe: &Recipe) -> Result<Self, Refused> {
         let before = file::parse(recipe.text()).map_err(Refused::Geometric)?;
         let mut keys: Table = toml::from_str(recipe.text()).unwrap_or_default();
@@ -151,7 +153,7 @@ impl Model {
             shape,
             insert,
         };
-        // Where a radius is 0 at the longest, rounding may take it beyond that.
+        // Where a radius is 0 at the longest length, rounding can exceed that length.
         let [_, most] = model.muscle.range;
         if matches!(
             model.muscle.chain.clone().set_length(most),
@@ -159,7 +161,7 @@ impl Model {
         ) {
             model.muscle.range[1] = (most * (1.0 - ROUNDED)).max(model.shape.length);
         }
-        // An animation goes to both ends.
+        // An animation uses both ends.
         model
             .muscle
             .range
@@ -169,11 +171,11 @@ impl Model {
         Ok(model)
     }
 
-    /// Takes a length between the shortest and the longest.
+    /// Sets a length between the shortest and the longest.
     fn set_length(&mut self, length: f64) -> Result<(), Refused> {
         let [least, most] = self.muscle.range;
         let slack = ROUNDED * most;
-        // Not `<`, which a NaN would pass.
+        // Not `<`, which is false for NaN.
         if !(least - slack <= length && length <= most + slack) {
             return Err(Refused::Outside {
                 what: "the length".to_owned(),
@@ -189,7 +191,7 @@ impl Model {
             .map_err(of_chain)
     }
 
-    /// The radius that a node has at a length where it has `radius` at rest [m].
+    /// The radius of a node at a length, for the radius `radius` at rest [m].
     fn radius_at(&self, length: f64, node: usize, radius: f64) -> Result<f64, ChainError> {
         let mut shape = self.shape.clone();
         shape.radii[node] = radius;
@@ -198,7 +200,8 @@ impl Model {
         Ok(chain.radii()[node * (self.insert + 1)])
     }
 
-    /// The radius at rest of a node that is to have another one at the present length [m]. It rises with that.
+    /// The rest radius of a node for another radius at the present length [m]. The former increases
+    /// with the latter.
     fn at_rest(&self, node: usize, wanted: f64) -> Result<f64, Refused> {
         let (length, rest) = (self.muscle.chain.length(), self.shape.length);
         let outside = |low: f64, high: f64| Refused::Outside {
@@ -212,7 +215,7 @@ impl Model {
             high: 1e2 * high,
             unit: "cm",
         };
-        // A muscle that is twice as thick as long is a slip of the hand.
+        // A muscle twice as thick as long is an error of the user.
         if !(wanted <= rest) {
             return Err(outside(0.0, rest));
         }
@@ -255,7 +258,7 @@ fn of_chain(error: ChainError) -> Refused {
     Refused::Geometric(error.into())
 }
 
-/// Whether a path is of the present length and not of the muscle.
+/// True for a path that changes the present length, not the muscle.
 fn is_of_length(path: &str) -> bool {
     matches!(path, "length" | "animation")
 }
@@ -294,7 +297,7 @@ impl Biceps {
         Ok(biceps)
     }
 
-    /// Frame 0, at rest or at the length that was given.
+    /// Frame 0, at rest or at the given length.
     fn begin(&mut self) -> Result<(), Refused> {
         let (mut length_given, mut by_hand) = (None, false);
         for (path, value) in self.recipe.given() {
@@ -313,7 +316,7 @@ impl Biceps {
         Ok(())
     }
 
-    /// Looks at the muscle as it is now.
+    /// Updates the displayed state.
     fn look(&mut self) {
         let before = std::mem::replace(&mut self.pose, Pose::of(&self.model.muscle));
         if self.pose.bars.is_empty() {
@@ -386,7 +389,8 @@ impl Biceps {
         list.0
     }
 
-    /// Goes on with another muscle, at the same length where it can take it. An animation would leave it anyway.
+    /// Continues with another muscle, at the same length if possible. An animation would leave that
+    /// length in any case.
     fn change(&mut self, recipe: Recipe) -> Result<(), Refused> {
         let (mut model, length) = (Model::of(&recipe)?, self.model.muscle.chain.length());
         let [least, most] = model.muscle.range;
@@ -446,7 +450,7 @@ impl Biceps {
         all
     }
 
-    /// The surface, and the bars if there are any.
+    /// The surface, and the bars if any.
     fn bodies(&self) -> Vec<BodyShot> {
         let surface = BodyShot {
             positions: self.pose.mesh.vertices.clone(),
@@ -490,7 +494,7 @@ fn is_on(value: &str) -> Result<bool, Refused> {
     }
 }
 
-/// Free end, muscle, joint, muscle, free end; nothing without bars.
+/// Free end, muscle, joint, muscle, free end; empty without bars.
 fn joints(pose: &Pose) -> Vec<Point3<f64>> {
     match pose.bars.as_slice() {
         [first, second] => first.iter().chain(&second[1..]).copied().collect(),
@@ -538,7 +542,7 @@ impl Subject for Biceps {
         let bodies = self.bodies();
         let (chain, parts) = (&self.model.muscle.chain, self.model.insert + 1);
         let radii = chain.radii().iter().step_by(parts).enumerate();
-        // At the top of its ring, where the axis is seen from the front.
+        // At the top of its ring, where the front view shows the axis.
         let at =
             |k: usize, radius: f64| Point3::new(chain.spacing() * (k * parts) as f64, radius, 0.0);
         Shot {

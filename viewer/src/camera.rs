@@ -1,4 +1,4 @@
-//! A camera that turns about what it looks at: orbit, pan, roll and zoom, projection and rays.
+//! A camera that turns about its target: orbit, pan, roll and zoom, projection and rays.
 
 use nalgebra::{
     Isometry3, Matrix4, Perspective3, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector2,
@@ -10,45 +10,46 @@ use pliant::mesh::measures::Aabb;
 /// Height of the field of view [rad].
 pub const FIELD: f64 = std::f64::consts::FRAC_PI_4;
 
-/// A drag over the whole height of the window turns by this [rad].
+/// Angle of a drag over the whole height of the window [rad].
 const TURN: f64 = std::f64::consts::PI;
 
-/// The camera comes no nearer than this share of the size of what it was fitted to, and goes no further than this many
-/// times it.
+/// Least and greatest distance of the camera from its target, relative to the size of the fitted
+/// bodies.
 const REACH: (f64, f64) = (0.01, 20.0);
 
-/// A perspective camera. Lengths of the screen are shares of its height, from its middle to the right and up.
+/// A perspective camera. Screen coordinates are relative to the height, from the centre to the
+/// right and up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// What it looks at and turns about [m].
+    /// The target and centre of rotation [m].
     pub target: Point3<f64>,
-    /// From its own axes (x right, y up, looking along -z) to those of the world.
+    /// From camera axes (x right, y up, looking along -z) to world axes.
     pub rotation: UnitQuaternion<f64>,
     /// Distance from the target [m].
     pub distance: f64,
-    /// Size of what it was fitted to [m].
+    /// Size of the fitted bodies [m].
     size: f64,
     home: Option<Box<Self>>,
 }
 
 impl Camera {
-    /// Shows all of `bounds` from a direction, with `up` upwards.
+    /// Shows all of `bounds` from a direction, with `up` at the top.
     pub fn fit(bounds: &Aabb, from: Vector3<f64>, up: Vector3<f64>) -> Self {
         let size = bounds.extents().norm();
-        // What has no size is seen from a metre.
+        // Bodies without size are seen from a metre.
         let size = if size.is_finite() && size > 0.0 {
             size
         } else {
             1.0
         };
         let along = from.try_normalize(0.0).unwrap_or_else(Vector3::z);
-        // Where `up` is along the view any other does.
+        // Another direction replaces an `up` along the view.
         let up = if along.cross(&up).norm() > 0.0 {
             up
         } else {
             Vector3::new(along.z, along.x, along.y)
         };
-        // A view looks along its -z.
+        // The view direction is -z.
         let rotation = UnitQuaternion::face_towards(&along, &up);
         let distance = 0.5 * size / libm::sin(0.5 * FIELD);
         let camera = Self {
@@ -64,7 +65,7 @@ impl Camera {
         }
     }
 
-    /// As fitted, in a window of this width over height: in a narrow one from further away.
+    /// The fitted camera for a window with this aspect ratio: farther away for a narrow one.
     #[must_use]
     pub fn in_window(mut self, aspect: f64) -> Self {
         if aspect > 0.0 && aspect < 1.0 {
@@ -75,7 +76,7 @@ impl Camera {
         self
     }
 
-    /// The same distance and target from another direction.
+    /// The same distance and target, from another direction.
     #[must_use]
     pub fn seen_from(&self, from: Vector3<f64>, up: Vector3<f64>) -> Self {
         let nothing = Aabb {
@@ -88,7 +89,7 @@ impl Camera {
         }
     }
 
-    /// Back to how it was fitted.
+    /// Restores the fitted camera.
     pub fn reset(&mut self) {
         if let Some(home) = self.home.clone() {
             *self = Self {
@@ -98,12 +99,12 @@ impl Camera {
         }
     }
 
-    /// Where it is [m].
+    /// Position of the eye [m].
     pub fn eye(&self) -> Point3<f64> {
         self.target + self.rotation * Vector3::z() * self.distance
     }
 
-    /// Turns about its target as the hand moves.
+    /// Rotates about the target by a motion of the pointer.
     pub fn orbit(&mut self, by: Vector2<f64>) {
         let turn = by * TURN;
         let [across, up] = [Vector3::y_axis(), Vector3::x_axis()];
@@ -113,33 +114,33 @@ impl Camera {
         );
     }
 
-    /// Turns about the line of sight by an angle [rad], the picture against the clock.
+    /// Rotates about the line of sight by an angle [rad], the picture counter-clockwise.
     pub fn roll(&mut self, angle: f64) {
         self.turn(UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -angle));
     }
 
     fn turn(&mut self, own: UnitQuaternion<f64>) {
-        // Normed again, so that no rounding adds up over thousands of motions.
+        // Normalised, so that rounding does not add up over thousands of motions.
         self.rotation = UnitQuaternion::new_normalize((self.rotation * own).into_inner());
     }
 
-    /// Moves so that what the target's plane shows follows the hand.
+    /// Moves so that the plane of the target follows the pointer.
     pub fn pan(&mut self, by: Vector2<f64>) {
         self.target -= self.in_world(by);
     }
 
-    /// A motion on the screen as one in the plane of the target [m].
+    /// A motion on the screen as a motion in the plane of the target [m].
     pub fn in_world(&self, by: Vector2<f64>) -> Vector3<f64> {
         self.in_plane_at(&self.target, by)
     }
 
-    /// A motion on the screen as one of a point, in the plane of the screen through it [m].
+    /// A motion on the screen as a motion of a point, in the parallel plane through it [m].
     pub fn in_plane_at(&self, point: &Point3<f64>, by: Vector2<f64>) -> Vector3<f64> {
         let depth = (self.eye() - point).dot(&(self.rotation * Vector3::z()));
         self.rotation * Vector3::new(by.x, by.y, 0.0) * (2.0 * depth * libm::tan(0.5 * FIELD))
     }
 
-    /// Comes nearer by a factor below 1, goes away by one above.
+    /// Moves nearer for a factor below 1, farther for a factor above.
     pub fn zoom(&mut self, factor: f64) {
         if factor.is_finite() && factor > 0.0 {
             self.distance =
@@ -147,31 +148,31 @@ impl Camera {
         }
     }
 
-    /// From the world to its own axes.
+    /// From world to camera axes.
     pub fn view(&self) -> Isometry3<f64> {
         Isometry3::from_parts(Translation3::from(self.eye().coords), self.rotation).inverse()
     }
 
-    /// Nearest and furthest depth that is shown [m].
+    /// Nearest and farthest visible depth [m].
     pub fn planes(&self) -> (f64, f64) {
         let far = self.distance + 4.0 * self.size;
         ((self.distance - 2.0 * self.size).max(1e-3 * self.size), far)
     }
 
-    /// From its own axes to the cube of -1..1, for a window of this width over height.
+    /// From camera axes to the cube -1..1, for a window with this aspect ratio.
     pub fn projection(&self, aspect: f64) -> Matrix4<f64> {
         let (near, far) = self.planes();
         Perspective3::new(aspect, FIELD, near, far).to_homogeneous()
     }
 
-    /// Where on the screen a point is seen; `None` behind the eye.
+    /// Screen position of a point; `None` behind the eye.
     pub fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         let seen = self.view() * point;
         let scale = 0.5 / libm::tan(0.5 * FIELD);
         (seen.z < 0.0).then(|| Point2::new(-seen.x / seen.z, -seen.y / seen.z) * scale)
     }
 
-    /// The ray through a place of the screen: from the eye, in a direction.
+    /// The ray through a screen position: origin and direction.
     pub fn ray(&self, at: Point2<f64>) -> (Point3<f64>, Unit<Vector3<f64>>) {
         let tall = 2.0 * libm::tan(0.5 * FIELD);
         let direction = self.rotation * Vector3::new(at.x * tall, at.y * tall, -1.0);
@@ -234,7 +235,7 @@ mod tests {
             let off = (point - eye).cross(&along).norm();
             assert!(off < 1e-12, "{off}");
         }
-        // The matrices that the graphics card gets say the same.
+        // The matrices for the graphics card agree.
         let p = corners()[3];
         let clip = camera.projection(1.5) * (camera.view() * p).to_homogeneous();
         let seen = camera.project(&p).expect("seen");

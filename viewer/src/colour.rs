@@ -1,10 +1,10 @@
-//! Which numbers colour a surface, over which range, with which legend.
+//! Fields that colour a surface, with their ranges and legends.
 
 use super::snapshot::BodyShot;
 use pliant::format::number;
 use pliant_render::{ColourMap, Legend, Rgb, Ticks};
 
-/// What a surface is coloured by.
+/// The field of a surface's colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Field {
     /// Mean absolute strain of the edges at a vertex.
@@ -16,7 +16,7 @@ pub enum Field {
 }
 
 impl Field {
-    /// All of them.
+    /// All fields.
     pub const ALL: [Self; 3] = [Self::Stretch, Self::Depth, Self::Speed];
 
     /// Its name.
@@ -28,7 +28,7 @@ impl Field {
         }
     }
 
-    /// The unit that it is shown in.
+    /// Displayed unit.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Stretch => "%",
@@ -37,7 +37,7 @@ impl Field {
         }
     }
 
-    /// That unit as a multiple of what a snapshot has.
+    /// Factor from the unit of a snapshot to the displayed unit.
     fn factor(self) -> f64 {
         match self {
             Self::Stretch => 100.0,
@@ -45,7 +45,7 @@ impl Field {
         }
     }
 
-    /// The least upper end of a range, in its unit: below it differences are not worth a colour.
+    /// Least upper end of a range in the displayed unit: smaller differences have no colours.
     fn least(self) -> f64 {
         match self {
             Self::Stretch => 1.0,
@@ -54,7 +54,7 @@ impl Field {
         }
     }
 
-    /// The values of a body, in the unit of the field, one a vertex.
+    /// The values of a body in the displayed unit, one per vertex.
     pub fn values(self, body: &BodyShot) -> Vec<f64> {
         let values = match self {
             Self::Stretch => &body.stretch,
@@ -65,18 +65,18 @@ impl Field {
     }
 }
 
-/// The colours of a field and what they mean. Its range begins at 0 and only grows, by 1, 2, 5, 10, so that colours do not
-/// flicker from frame to frame.
+/// The colours of a field. The range starts at 0 and only grows, in steps of 1, 2, 5, 10, so that
+/// colours do not flicker from frame to frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Colouring {
-    /// What is shown.
+    /// Displayed field.
     pub field: Field,
-    /// The values at the two ends of the map, in the unit of the field.
+    /// Values at the two ends of the map, in the displayed unit.
     pub range: (f64, f64),
 }
 
 impl Colouring {
-    /// Nothing seen yet.
+    /// A colouring without values.
     pub fn new(field: Field) -> Self {
         Self {
             field,
@@ -84,7 +84,7 @@ impl Colouring {
         }
     }
 
-    /// Widens the range to hold `values`; what is no number widens nothing.
+    /// Widens the range to contain `values`; NaN is ignored.
     pub fn see(&mut self, values: &[f64]) {
         let largest = values
             .iter()
@@ -96,7 +96,7 @@ impl Colouring {
         }
     }
 
-    /// A colour for each value; grey for what is no number.
+    /// A colour for each value; grey for NaN.
     pub fn colours(&self, values: &[f64]) -> Vec<Rgb> {
         values
             .iter()
@@ -104,7 +104,7 @@ impl Colouring {
             .collect()
     }
 
-    /// Where on the bar of the legend, 0 to 1, which text stands.
+    /// Positions on the bar of the legend, 0 to 1, with their labels.
     pub fn ticks(&self) -> Vec<(f64, String)> {
         let ticks = Ticks::linear(self.range, 6);
         let places = ticks
@@ -114,7 +114,7 @@ impl Colouring {
         places.zip(ticks.labels).collect()
     }
 
-    /// The legend of a picture that the software renderer makes.
+    /// The legend of a picture by the software renderer.
     pub fn legend(&self) -> Legend {
         Legend::new(
             self.field.name(),
@@ -124,7 +124,7 @@ impl Colouring {
         )
     }
 
-    /// A value as people read it.
+    /// A value as text.
     pub fn in_words(&self, value: f64) -> String {
         format!("{} {}", number(value), self.field.unit())
     }

@@ -5,21 +5,21 @@ use std::collections::VecDeque;
 use super::snapshot::{Reading, Shot};
 use pliant_render::Ticks;
 
-/// Frames that are remembered.
+/// Number of stored frames.
 pub const KEPT: usize = 600;
 
 /// One line of a plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Which plot it belongs to.
+    /// Name of the plot.
     pub name: &'static str,
-    /// Of which body; empty where there is but one.
+    /// Name of the body; empty for a single body.
     pub of: String,
-    /// The unit of its numbers; empty for none.
+    /// Unit of the values; empty for none.
     pub unit: &'static str,
-    /// Frame and number, by frame.
+    /// Frame and value, sorted by frame.
     pub points: VecDeque<(f64, f64)>,
-    /// Which point is of the frame that was seen last.
+    /// Index of the point of the last displayed frame.
     pub now: usize,
 }
 
@@ -28,12 +28,12 @@ pub struct Line {
 pub struct History {
     lines: Vec<Line>,
     last: Option<usize>,
-    /// Whether a frame before the last one is no new start.
+    /// True for a finished run, where an earlier frame is no restart.
     is_finished: bool,
 }
 
 impl Line {
-    /// Puts a number in its place; of too many those furthest from it go.
+    /// Inserts a value; if there are too many, the farthest frames are removed.
     fn see(&mut self, frame: usize, value: f64) {
         let frame = frame as f64;
         self.now = self.points.partition_point(|(known, _)| *known < frame);
@@ -53,7 +53,7 @@ impl Line {
 }
 
 impl History {
-    /// Of a run whose frames come in any order.
+    /// The history of a run whose frames come in any order.
     #[must_use]
     pub fn of_finished_run() -> Self {
         Self {
@@ -62,7 +62,7 @@ impl History {
         }
     }
 
-    /// Remembers the readings of a shot; what came before a new start is forgotten.
+    /// Stores the readings of a shot; a restart clears the history.
     pub fn see(&mut self, shot: &Shot) {
         let same =
             |(line, reading): (&Line, &Reading)| line.name == reading.name && line.of == reading.of;
@@ -86,7 +86,7 @@ impl History {
         }
     }
 
-    /// Lines by plot, in the order in which the plots first came.
+    /// Lines by plot, in the order of the plots' first appearance.
     pub fn plots(&self) -> Vec<(&'static str, Vec<&Line>)> {
         let mut plots: Vec<(&'static str, Vec<&Line>)> = Vec::new();
         for line in &self.lines {
@@ -99,7 +99,7 @@ impl History {
     }
 }
 
-/// Ranges of frames and of values, neither without width; values from 0 where they begin near it.
+/// Ranges of frames and of values, both with positive width; values start at 0 if they are near it.
 pub fn ranges<'a>(
     points: impl Iterator<Item = &'a (f64, f64)>,
 ) -> Option<((f64, f64), (f64, f64))> {
@@ -129,7 +129,7 @@ pub fn ranges<'a>(
             (low, low + least)
         }
     };
-    // Only a line of zeros is left without width.
+    // Only a line of zeros still has no width.
     Some((wide(x, 1.0), wide(ends, 1.0)))
 }
 
@@ -216,7 +216,7 @@ mod tests {
             [0.0, 2.0, 4.0, 5.0, 6.0].map(|k| (k, k))
         );
         assert_eq!(history.lines[0].now, 1, "where it is");
-        // Backwards from far away: what is furthest goes, and never what was just seen.
+        // Backwards from far away: the farthest frames are removed, never the last displayed one.
         (0..2 * KEPT)
             .rev()
             .for_each(|k| history.see(&shot(k, &[("depth", "", 1.0)])));

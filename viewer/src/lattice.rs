@@ -1,6 +1,6 @@
-//! A box of points on springs as a subject: dragged as its scene says and by hand.
+//! A lattice in a session: displaced as in its scene and by hand.
 //!
-//! Other numbers of springs and points go on from where it is, as fast as it is; another number of points begins anew.
+//! Other properties of springs and points keep its motion; another number of points restarts it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -21,10 +21,11 @@ use pliant::simulation::lattice::LatticeRun;
 use pliant::simulation::measures::strain_at_vertices;
 use pliant::springs::Neighbours;
 
-/// A hand moves a point by at most this share of the spacing a frame: springs that are turned inside out do not come back.
+/// Greatest motion of a dragged point per frame, relative to the spacing: inverted springs do not
+/// recover.
 const MOST_DRAG: f64 = 0.5;
 
-/// A lattice that is looked at.
+/// A lattice in a session.
 pub(super) struct Lattice {
     recipe: Recipe,
     start: LatticeScene,
@@ -32,9 +33,9 @@ pub(super) struct Lattice {
     stage: Arc<Stage>,
     controls: Arc<Vec<Control>>,
     springs: Vec<Distance>,
-    /// Vertices of the surface that a hand holds.
+    /// Fixed vertices of the surface.
     fixed: BTreeSet<usize>,
-    /// The vertex that a hand drags, and where to [m].
+    /// The dragged vertex and its target [m].
     dragged: Option<(usize, Point3<f64>)>,
     probe: Option<usize>,
     frame_ms: f64,
@@ -50,7 +51,7 @@ fn scene_of(recipe: &Recipe) -> Result<LatticeScene, Refused> {
 }
 
 impl Lattice {
-    /// Builds the lattice of `scene`.
+    /// Creates the lattice of `scene`.
     pub(super) fn new(recipe: Recipe, scene: LatticeScene) -> Result<Self, StartError> {
         let (start, run) = (scene.clone(), LatticeRun::new(scene)?);
         let mut lattice = Self {
@@ -69,7 +70,7 @@ impl Lattice {
         Ok(lattice)
     }
 
-    /// What a newly built surface is seen by.
+    /// The displayed data of a new surface.
     fn look(&mut self) {
         let surface = &self.run.surface;
         let topology = Topology::new(surface);
@@ -113,7 +114,7 @@ impl Lattice {
         Ok(())
     }
 
-    /// A vertex that no layer of the scene holds.
+    /// A vertex that is in no fixed layer of the scene.
     fn free(&self, body: usize, vertex: usize) -> Result<(), Refused> {
         check_index("body", body, 1)?;
         check_index("vertex", vertex, self.run.surface.vertices.len())?;
@@ -156,7 +157,8 @@ impl Lattice {
         }
     }
 
-    /// Moves what a hand drags on, and holds what it holds: where the scene lets its highest layer go, it lets all of it go.
+    /// Moves dragged points and holds fixed ones: the scene's release of its top layer releases all
+    /// of its points.
     fn steer(&mut self) {
         let most = MOST_DRAG * self.run.lattice.shape().spacing[0];
         if let Some((vertex, to)) = self.dragged {
@@ -216,7 +218,7 @@ impl Lattice {
     }
 }
 
-/// Springs and points; what was there at the start is in the middle of its range.
+/// Controls of springs and points; the start value is in the middle of the range.
 fn controls(start: &LatticeScene, now: &LatticeScene) -> Vec<Control> {
     let mut list = List::default();
     let path = |key: &str| Target::Path(format!("lattice.{key}"));

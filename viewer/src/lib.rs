@@ -1,7 +1,8 @@
-//! A running simulation that somebody looks at and steers: all of the interactive viewer but its window.
+//! An interactive simulation: all of the viewer except its window.
 //!
-//! A [`Recipe`] is a scene with the changes that were made to it, a [`Session`] runs it in a thread of its own and publishes
-//! [`Snapshot`]s, [`panel`] lists what a scene lets one change, [`colour`] colours a surface by a field.
+//! A [`Recipe`] is a scene with its changes. A [`Session`] runs it in its own thread and publishes
+//! [`Snapshot`]s. [`panel`] lists the controls of a scene, and [`colour`] colours a surface by a
+//! field.
 //!
 //! ```
 //! use pliant_viewer::{Command, Pace, Recipe, Session};
@@ -15,16 +16,18 @@
 //! # Ok::<(), pliant_viewer::StartError>(())
 //! ```
 //!
-//! What runs is muscles among bones, skin over implants or over a ball, a lattice of springs, or a geometric muscle, whose file
-//! is told from a scene by its key `radii`.
+//! A session runs muscles among bones, skin over implants or over a ball, a lattice of springs, or
+//! a geometric muscle, whose file has the key `radii`.
 //!
-//! *Limitations.* A session goes on beyond the last frame of its scene; bones then rest where their motion ends. An accuracy
-//! that the scene asks for chooses no solver here. Skin ends at its last frame, and any change takes it back to the start: it is
-//! made ready anew, meshes read again, and the frames up to the one that it was at are computed whether it runs or not. Where
-//! an implant that is dragged does not fit, that is told only when the skin was made ready, not with the answer to the move. A
-//! lattice with another number of points begins anew; with other springs it goes on, velocities rounded once. A geometric
-//! muscle whose nodes, growth or inserted nodes are edited keeps from then on the volume that it has at rest with that; its
-//! length is the animation's until it is set, and again when `animation` is set to `on`.
+//! *Limitations.* A session continues after the last frame of its scene; bones then stay where
+//! their motion ends. A requested accuracy of the scene selects no solver here. Skin ends at its
+//! last frame. Any change of skin restarts it: meshes are read and skin is prepared again, and the
+//! frames up to the present one are computed even in a pause. If a dragged implant does not fit,
+//! the error appears only after the preparation, not with the answer to the move. A lattice with
+//! another number of points restarts; with other springs it continues, with velocities rounded
+//! once. A geometric muscle with edited nodes, growth or inserted nodes keeps its new rest volume
+//! from then on. Its length follows the animation until it is set, and again after `animation` is
+//! set to `on`.
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 
 mod biceps;
@@ -54,5 +57,5 @@ pub use snapshot::{
 };
 pub use subject::{Advanced, Subject, Watch};
 
-/// What scenes that are computed answer to commands for frames that are.
+/// The answer of a computed scene to commands for finished runs.
 const ONLY_REPLAYED: &str = "only a finished run has frames to go to";

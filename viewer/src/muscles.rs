@@ -1,4 +1,4 @@
-//! Muscles among bones as a subject: what a hand does to a simulation between its frames.
+//! Muscles among bones in a session: interactive changes between frames.
 
 mod shots;
 mod wish;
@@ -21,37 +21,37 @@ use pliant::simulation::{Assets, Plan, Simulation};
 use shots::{angle, seconds};
 use wish::Wish;
 
-/// A hand turns a bone by at most this a frame [rad]: about as fast as the built-in hip turns, times three. Bones that jump
-/// tear muscles.
+/// Greatest rotation of a bone by hand per frame [rad]: about three times the speed of the built-in
+/// hip. Bones that jump tear muscles.
 pub const MOST_TURN: f64 = 0.03;
 
-/// The hand's spring, over the stiffness of the muscle's surface.
+/// Stiffness of the drag spring, relative to that of the muscle's surface.
 const DRAG: f64 = 3.0;
 
-/// A choice of solver and settings is asked for its result for so long at a time.
+/// Time between two polls of an accuracy search.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// A bone that is turned by hand.
+/// A bone that is rotated by hand.
 #[derive(Clone, Copy, Debug)]
 struct Hand {
-    /// The angle [rad], and the one that is wanted.
+    /// The present angle and the target angle [rad].
     angle: f64,
     wanted: f64,
-    /// What its motion did beside turning: pose = turn(angle) offset.
+    /// The motion of the bone without this rotation: pose = turn(angle) offset.
     offset: Isometry3<f64>,
 }
 
-/// The path of the scene that tells the accuracy wished.
+/// The path of the requested accuracy in the scene.
 const ACCURACY: &str = "accuracy";
 
-/// Why no choice begins.
+/// The error if no search can start.
 const NO_THREAD: &str =
     "the system gives no thread to choose settings in; end other programs and try again";
 
-/// A scene of muscles that runs.
+/// A scene of muscles in a session.
 pub(super) struct Muscles {
     recipe: Recipe,
-    /// As it was started, and as it is.
+    /// The scene at the start and at present.
     start: Scene,
     scene: Arc<Scene>,
     stage: Arc<Stage>,
@@ -64,16 +64,16 @@ pub(super) struct Muscles {
     fixed: Vec<Vec<u32>>,
     drags: Vec<Option<(u32, Point3<f64>, f64)>>,
     probe: Option<(usize, usize)>,
-    /// A choice of solver and settings that is under way, and what came of the last one.
+    /// The running accuracy search, and the result of the last one.
     wish: Option<Wish>,
     came_of_it: String,
-    /// Seconds of each effect up to the last frame, and milliseconds in it.
+    /// Time of each effect up to the last frame [s], and in that frame [ms].
     clock: BTreeMap<&'static str, f64>,
     effects: Vec<(&'static str, f64)>,
 }
 
 impl Muscles {
-    /// Reads the meshes of `scene` and makes it ready; each frame is computed by `step`.
+    /// Reads the meshes of `scene` and prepares it; `step` computes each frame.
     pub(super) fn new(
         recipe: Recipe,
         scene: Scene,
@@ -129,7 +129,8 @@ impl Muscles {
         self.clock = seconds(&self.simulation);
     }
 
-    /// A simulation of a scene with the meshes at hand, at its start; one that `goes_on` keeps the muscles' shapes at rest.
+    /// A simulation of a scene with the present meshes, at its start; with `goes_on` the muscles
+    /// keep their rest shapes.
     fn made(
         &self,
         scene: &Scene,
@@ -155,7 +156,7 @@ impl Muscles {
         Simulation::with(scene.clone(), self.assets.clone(), plan).map_err(Refused::Load)
     }
 
-    /// Goes on with other numbers; a wish for an accuracy begins a choice.
+    /// Continues with other numbers; a requested accuracy starts a search.
     fn change(&mut self, path: &str, recipe: Recipe) -> Result<(), Refused> {
         let scene = recipe.checked(path, &self.scene, &self.assets)?;
         let wish = match (path, scene.accuracy) {
@@ -174,7 +175,7 @@ impl Muscles {
         Ok(())
     }
 
-    /// Takes what was chosen for the accuracy that was wished.
+    /// Applies the result of an accuracy search.
     fn grant(&mut self, found: Result<Chosen, String>) {
         self.wish = None;
         self.came_of_it = match found {
@@ -193,7 +194,7 @@ impl Muscles {
         };
     }
 
-    /// Goes on with other vertices fixed.
+    /// Continues with other fixed vertices.
     fn hold(&mut self, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
         let scene = self.scene.clone();
         self.go_on_as(&scene, fixed)
@@ -215,7 +216,7 @@ impl Muscles {
                 };
             }
         }
-        // After the bones: what is known of contact holds only where they are.
+        // After the bones: contact state is only valid at their poses.
         simulation.continue_from(&self.simulation);
         for (muscle, drag) in self.drags.iter().enumerate() {
             if let Some((vertex, to, stiffness)) = *drag {
@@ -242,7 +243,7 @@ impl Muscles {
         }
         to.iter()
             .try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
-        // A surface without stiffness of its own is dragged by its weight in a second.
+        // A surface without stiffness is dragged by its weight in a second.
         let surface = match self.scene.muscles[muscle].material.stretch {
             stretch if stretch > 0.0 => DRAG * stretch,
             _ => DRAG / body.system.particles.inverse_mass[vertex].max(f64::MIN_POSITIVE),
@@ -297,7 +298,7 @@ impl Muscles {
         Ok(())
     }
 
-    /// Moves what the hand moves; what it does not touch keeps its motion to the bit.
+    /// Rotates bones by hand; other bones keep their motion to the bit.
     fn steer_bones(&mut self) {
         let frame = self.simulation.frame() as f64;
         for bone in 0..self.steering.len() {
@@ -360,7 +361,7 @@ impl Subject for Muscles {
     }
 
     fn advance(&mut self, _: Watch<'_>) -> Advanced {
-        // Times are measured meanwhile: nothing else runs.
+        // The search measures times: nothing else runs.
         if let Some(wish) = &self.wish {
             if let Some(found) = wish.wait(PATIENCE) {
                 self.grant(found);
@@ -445,7 +446,7 @@ impl Subject for Muscles {
             Command::Seek { .. } | Command::Backwards(_) => {
                 return Err(Refused::NotHere(super::ONLY_REPLAYED));
             }
-            // The session does these itself.
+            // The session handles these commands itself.
             Command::Pause | Command::Run | Command::Step | Command::Speed(_) => {}
         }
         Ok(())

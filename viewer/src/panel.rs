@@ -1,4 +1,4 @@
-//! What of a scene can be changed while it runs, as a list of controls; a window draws them, this knows what they mean.
+//! The changeable values of a running scene as a list of controls; a window draws them.
 
 use nalgebra::{Unit, Vector3};
 
@@ -10,89 +10,89 @@ use pliant::scene::keys::{KeySpec, KeyValue, Slider};
 use pliant::scene::solvers::SOLVERS;
 use pliant::scene::{Accuracy, Bone, EffectSpec, Mass, Material, Scene};
 
-/// How a control's range is divided.
+/// Division of a control's range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Evenly.
+    /// Linear.
     Linear,
-    /// By factors; both ends are positive.
+    /// Logarithmic; both ends are positive.
     Logarithmic,
 }
 
-/// What a control looks like.
+/// Kind of a control.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// A number between two.
+    /// A number in a range.
     Slider {
-        /// The ends, in the control's unit.
+        /// Ends of the range, in the control's unit.
         range: (f64, f64),
-        /// How they are divided.
+        /// Division of the range.
         scale: Scale,
     },
-    /// A whole number between two.
+    /// An integer in a range.
     Whole {
-        /// The ends.
+        /// Ends of the range.
         range: (u32, u32),
-        /// How they are divided.
+        /// Division of the range.
         scale: Scale,
     },
-    /// One of some names.
+    /// A choice from names.
     Choice(Vec<&'static str>),
     /// On or off.
     Switch,
 }
 
-/// What a control is set to.
+/// Value of a control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value {
-    /// Of a slider, in the control's unit.
+    /// Value of a slider, in the control's unit.
     Number(f64),
-    /// Of a whole number.
+    /// Value of an integer.
     Whole(u32),
-    /// Of a choice, its number among the names.
+    /// Index of the chosen name.
     Choice(usize),
-    /// Of a switch.
+    /// State of a switch.
     On(bool),
 }
 
-/// What a control changes.
+/// Target of a control.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Target {
     /// The value at a path of the scene.
     Path(String),
-    /// The length of a vector at a path, along a direction.
+    /// The length of a vector at a path, in a given direction.
     Vector(String, Unit<Vector3<f64>>),
-    /// A section at a path that is there or not.
+    /// A section at a path, present or absent.
     Section(String),
-    /// The angle of a bone by hand.
+    /// The angle of a bone, set by hand.
     Angle(usize),
-    /// Whether a bone goes by its motion.
+    /// Whether a bone follows its motion.
     Motion(usize),
 }
 
-/// One thing that can be changed.
+/// A control.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Control {
-    /// What belongs together: an effect, the solver, a muscle, a bone.
+    /// Group of the control: an effect, the solver, a muscle, a bone.
     pub group: String,
-    /// What it is.
+    /// Label.
     pub label: String,
-    /// The unit of its numbers; empty for none.
+    /// Unit of the value; empty for none.
     pub unit: &'static str,
-    /// What it looks like.
+    /// Kind.
     pub kind: Kind,
-    /// What it is set to.
+    /// Present value.
     pub value: Value,
     target: Target,
 }
 
-/// Why a value is none of a control.
+/// Error of a value for a control.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoValue {
-    /// Out of its range.
+    /// The value is out of range.
     #[error("{label}: {value} is outside of {low} to {high} {unit}")]
     Outside {
-        /// The control.
+        /// Label of the control.
         label: String,
         /// The value.
         value: f64,
@@ -100,13 +100,13 @@ pub enum NoValue {
         low: f64,
         /// Upper end.
         high: f64,
-        /// Its unit.
+        /// Unit of the control.
         unit: &'static str,
     },
-    /// Of another kind.
+    /// The value has another kind.
     #[error("{label} takes no such value as {value:?}")]
     Kind {
-        /// The control.
+        /// Label of the control.
         label: String,
         /// The value.
         value: Value,
@@ -114,7 +114,7 @@ pub enum NoValue {
 }
 
 impl Control {
-    /// The path of the scene that it changes; `None` for a bone, which is turned and not changed.
+    /// The path of the scene; `None` for a bone, which has no path.
     pub fn path(&self) -> Option<&str> {
         match &self.target {
             Target::Path(path) | Target::Vector(path, _) | Target::Section(path) => Some(path),
@@ -122,7 +122,7 @@ impl Control {
         }
     }
 
-    /// What it is set to at a moment: the angle of a bone changes without being set.
+    /// The value at a moment: the angle of a bone changes without a command.
     pub fn now(&self, shot: &Shot) -> Value {
         match (&self.target, self.value) {
             (Target::Angle(bone), Value::Number(_)) => {
@@ -149,10 +149,10 @@ impl Control {
         }
     }
 
-    /// What to tell a session so that it has another value.
+    /// The command that sets a value.
     ///
     /// # Errors
-    /// A value of another kind, or out of the range.
+    /// A value of another kind or out of range.
     pub fn command(&self, value: Value) -> Result<Command, NoValue> {
         let text = self.checked(value)?;
         Ok(match (&self.target, value) {
@@ -177,13 +177,13 @@ impl Control {
                 angle: angle.to_radians(),
             },
             (Target::Motion(bone), Value::On(true)) => Command::ByMotion { bone: *bone },
-            // Held where it is: the angle of now is the one that is wanted.
+            // Holds the bone: the present angle becomes the target.
             (Target::Motion(bone), _) => Command::Hold { bone: *bone },
             (Target::Vector(..) | Target::Angle(_), _) => return Err(self.no_such(value)),
         })
     }
 
-    /// The text of a value that it can have.
+    /// The text of a valid value.
     fn checked(&self, value: Value) -> Result<String, NoValue> {
         let outside = |value: f64, low: f64, high: f64| NoValue::Outside {
             label: self.label.clone(),
@@ -199,7 +199,7 @@ impl Control {
                 },
                 Value::Number(number),
             ) => {
-                // Not `<`, which a NaN would pass.
+                // Not `<`, which is false for NaN.
                 if !(*low <= number && number <= *high) {
                     return Err(outside(number, *low, *high));
                 }
@@ -236,7 +236,7 @@ impl Control {
         }
     }
 
-    /// The value at `share` (0..1) of the way from one end to the other.
+    /// The value at the position `share` (0..1) of the range.
     pub fn at(&self, share: f64) -> Value {
         let share = share.clamp(0.0, 1.0);
         match &self.kind {
@@ -255,7 +255,7 @@ impl Control {
         }
     }
 
-    /// Where its value is between the ends, 0 to 1: what [`Self::at`] undoes.
+    /// Position of the value in the range, 0 to 1: the inverse of [`Self::at`].
     pub fn share(&self) -> f64 {
         let of = |value: f64, (low, high): (f64, f64), scale: Scale| match scale {
             Scale::Linear => (value - low) / (high - low),
@@ -294,8 +294,8 @@ fn between((low, high): (f64, f64), scale: Scale, share: f64) -> f64 {
     }
 }
 
-/// The controls of a scene as it was started, set to what `now`, the same with changes, says: only those of effects that
-/// it has, of the solver in use, and of bones with a joint.
+/// The controls of a scene with the ranges of `start` and the values of `now`, the same scene with
+/// changes. Only existing effects, the solver in use, and bones with a joint have controls.
 pub fn controls(start: &Scene, now: &Scene) -> Vec<Control> {
     let mut list = List::default();
     list.effects(start, now);
@@ -316,11 +316,11 @@ pub fn controls(start: &Scene, now: &Scene) -> Vec<Control> {
     list.0
 }
 
-/// Controls in the making.
+/// A list of controls under construction.
 #[derive(Default)]
 pub(super) struct List(pub(super) Vec<Control>);
 
-/// A number that is shown: its unit and range.
+/// Unit and range of a displayed number.
 pub(super) struct Shown {
     pub(super) unit: &'static str,
     pub(super) range: (f64, f64),
@@ -336,7 +336,8 @@ impl Shown {
         }
     }
 
-    /// From a `span`th to `span` times what it was at the start; from 0 where that is no positive number.
+    /// From the start value divided by `span` to the start value times `span`; from 0 if it is not
+    /// positive.
     pub(super) fn about(unit: &'static str, start: f64, span: f64, otherwise: f64) -> Self {
         match start > 0.0 {
             true => Self {
@@ -363,7 +364,7 @@ impl Shown {
         }
     }
 
-    /// Wide enough for a value that was given by other means.
+    /// Widens the range to contain a value that was set by other means.
     fn holding(mut self, value: f64) -> Self {
         self.range = (self.range.0.min(value), self.range.1.max(value));
         if self.range.0 <= 0.0 {
@@ -497,7 +498,7 @@ impl List {
             }
         }
         match (now.mass, start.mass) {
-            // An equilibrium has mass only where there is weight.
+            // In an equilibrium, mass matters only with weight.
             _ if !scene.solver.has_inertia() && scene.effects.gravity.is_none() => {}
             (Mass::Density(density), Mass::Density(began)) => {
                 self.slider(
@@ -527,7 +528,7 @@ impl List {
         if spec.question.is_some() {
             let wished = match scene.accuracy {
                 Some(Accuracy::Share(share)) => 100.0 * share,
-                // One per cent where none is wished, or one in millimetres.
+                // One per cent by default, or one in millimetres.
                 _ => 1.0,
             };
             let shown = Shown {
@@ -561,7 +562,7 @@ impl List {
         }
     }
 
-    /// A bone that can be turned; a window shows the angle of the last snapshot.
+    /// A bone that can be rotated; a window displays the angle of the last snapshot.
     fn bone(&mut self, b: usize, bone: &Bone) {
         if bone.motion.joint.is_none() {
             return;

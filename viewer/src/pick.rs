@@ -1,14 +1,14 @@
-//! Which vertex or handle is under the hand.
+//! Picking of a vertex or a handle under the pointer.
 
 use nalgebra::{Point2, Point3, Unit, Vector3};
 
 use super::camera::Camera;
 use super::snapshot::Shot;
 
-/// A handle is taken within this share of the height of the window.
+/// Greatest distance of a picked handle, relative to the height of the window.
 const NEAR: f64 = 0.02;
 
-/// What was picked.
+/// A picked object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Picked {
     /// A vertex of a body: the body and the vertex.
@@ -17,8 +17,8 @@ pub enum Picked {
     Handle(usize),
 }
 
-/// What is under a place of the screen: a handle that is near it, else the corner nearest to where the surface that is in
-/// front is met; of bodies that `is_shown`.
+/// The object at a screen position: a near handle, otherwise the corner nearest to the intersection
+/// with the front surface; of bodies with `is_shown`.
 pub fn pick(
     shot: &Shot,
     camera: &Camera,
@@ -60,7 +60,7 @@ pub fn pick(
         }
     }
     let bare = || {
-        // What has no surface is picked where its vertices are seen.
+        // Bodies without a surface are picked by their projected vertices.
         let bodies = shot.bodies.iter().zip(&shot.stage.bodies).enumerate();
         let bare = bodies.filter(|(b, (_, stage))| is_shown(*b) && stage.triangles.is_empty());
         let each = bare.flat_map(|(b, (body, _))| {
@@ -80,12 +80,12 @@ pub fn pick(
         .or_else(bare)
 }
 
-/// The distance at which a ray meets a triangle, of either side.
+/// The distance of the intersection of a ray with a triangle, from either side.
 fn hit(eye: &Point3<f64>, along: &Unit<Vector3<f64>>, [a, b, c]: &[Point3<f64>; 3]) -> Option<f64> {
     let (u, v) = (b - a, c - a);
     let cross = along.cross(&v);
     let volume = u.dot(&cross);
-    // Not `==`: a NaN is met nowhere.
+    // Not `==`: a NaN gives no intersection.
     if !(volume.abs() > 0.0) {
         return None;
     }

@@ -1,4 +1,4 @@
-//! A scene with the changes that were made to it while it ran.
+//! A scene with the changes made during the session.
 
 use std::path::PathBuf;
 
@@ -17,62 +17,62 @@ use pliant::scene::{
 };
 use pliant::simulation::{Assets, LoadError, Simulation};
 
-/// Why a scene cannot be shown.
+/// The reason why a scene cannot be displayed.
 #[derive(Debug, thiserror::Error)]
 pub enum StartError {
-    /// The scene is wrong.
+    /// The scene is invalid.
     #[error("{0}")]
     Scene(#[from] SceneError),
-    /// Its meshes are.
+    /// The meshes of the scene cannot be used.
     #[error("{0}")]
     Load(#[from] LoadError),
-    /// The file of a geometric muscle is.
+    /// The file of a geometric muscle is invalid.
     #[error("{name}: {why}")]
     Muscle {
-        /// The file.
+        /// Name of the file.
         name: String,
-        /// What is wrong with it or with a change.
+        /// The error in the file or in a change.
         why: Box<Refused>,
     },
-    /// The system gives no thread.
+    /// The system could not start a thread.
     #[error(
         "the simulation cannot have a thread of its own: {0}; end other programs and try again"
     )]
     Thread(#[from] std::io::Error),
 }
 
-/// Why a change was not made; the simulation is as it was.
+/// The reason why a change was rejected; the simulation is unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum Refused {
-    /// The scene would be wrong.
+    /// The scene would be invalid.
     #[error("{}", .0.terse())]
     Scene(SceneError),
-    /// Its meshes do not do for it.
+    /// The meshes are not suitable for the changed scene.
     #[error("{}", .0.terse())]
     Load(LoadError),
-    /// The geometric muscle would be wrong.
+    /// The geometric muscle would be invalid.
     #[error("{0}")]
     Geometric(FileError),
-    /// No quantity of the wanted kind.
+    /// The value is no quantity of the required dimension.
     #[error("{0}; {help}", help = .0.help())]
     Unit(UnitError),
-    /// A value of another kind.
+    /// The value has another kind.
     #[error("`{path}` cannot be `{value}`; give {wanted}")]
     Value {
-        /// The path of the change.
+        /// Path of the change.
         path: String,
         /// The value.
         value: String,
-        /// What is wanted.
+        /// The required kind.
         wanted: &'static str,
     },
-    /// A number that is finite, but out of what can be.
+    /// A finite number is out of its range.
     #[error(
         "{what} cannot be {} {unit}; it can be from {} to {} {unit}",
         number(*value), number(*low), number(*high)
     )]
     Outside {
-        /// What it is.
+        /// Name of the quantity.
         what: String,
         /// The number.
         value: f64,
@@ -83,76 +83,76 @@ pub enum Refused {
         /// The unit of all three.
         unit: &'static str,
     },
-    /// A path that leads nowhere.
+    /// The path does not exist.
     #[error("there is no `{path}` to be changed; there are {known}")]
     NoPath {
         /// The path.
         path: String,
-        /// Those that there are.
+        /// The existing paths.
         known: &'static str,
     },
-    /// It asks for other meshes.
+    /// The change requires other meshes.
     #[error(
         "`{path}` changes {what}, which is made before the start; start again with another `{path}`"
     )]
     Meshes {
-        /// The path of the change.
+        /// Path of the change.
         path: String,
-        /// What it changes.
+        /// The changed part.
         what: &'static str,
     },
-    /// Something that is not there.
+    /// The object does not exist.
     #[error("there is no {what} {index}; the scene has {count}, counted from 0")]
     Nothing {
-        /// What was asked for.
+        /// Kind of the object.
         what: &'static str,
-        /// Its number.
+        /// Index of the object.
         index: usize,
-        /// How many there are.
+        /// Number of objects.
         count: usize,
     },
-    /// A vertex that cannot be fixed or dragged.
+    /// The vertex cannot be fixed or dragged.
     #[error("vertex {vertex} is held by a bone; choose one that is free")]
     Held {
         /// The vertex.
         vertex: usize,
     },
-    /// A bone without a joint.
+    /// The bone has no joint.
     #[error("bone `{bone}` has no joint to turn about; give its motion a centre and an axis")]
     NoJoint {
-        /// Its name.
+        /// Name of the bone.
         bone: String,
     },
-    /// A number that is none, or not positive where it must be.
+    /// A number is not finite, or not positive where it must be.
     #[error("{what} cannot be {value}; give a finite{} number", if *.positive { ", positive" } else { "" })]
     Number {
-        /// What it is.
+        /// Name of the number.
         what: &'static str,
         /// The number.
         value: f64,
-        /// Whether it must be positive.
+        /// True if the number must be positive.
         positive: bool,
     },
-    /// It has no such thing.
+    /// The subject does not support this.
     #[error("{0}")]
     NotHere(&'static str),
     /// A frame of a finished run cannot be read.
     #[error("frame {frame} cannot be shown: {why}")]
     Damaged {
-        /// Its number.
+        /// Index of the frame.
         frame: usize,
-        /// What is wrong with its file, and what to do about it.
+        /// The error in the file, with advice.
         why: String,
     },
-    /// It cannot go on.
+    /// The simulation cannot continue.
     #[error("{0}; reset it first")]
     Failed(String),
-    /// The making of it panicked.
+    /// The preparation panicked.
     #[error("with this change it cannot be made: {0}")]
     Panicked(String),
 }
 
-/// A scene as written and the changes to it, in their order.
+/// A scene as written, with its changes in order.
 #[derive(Clone, Debug)]
 pub struct Recipe {
     text: String,
@@ -164,7 +164,8 @@ pub struct Recipe {
 }
 
 impl Recipe {
-    /// A scene by its name or path, as [`builtin::load`] takes it, with overrides from the command line. A file is read once.
+    /// Finds a scene by its name or path, as [`builtin::load`] does, with overrides from the
+    /// command line. A file is read once.
     ///
     /// # Errors
     /// No such scene or file.
@@ -189,7 +190,7 @@ impl Recipe {
     /// The scene with all changes.
     ///
     /// # Errors
-    /// Whatever is wrong with it.
+    /// Any error of the scene.
     pub fn scene(&self) -> Result<Scene, SceneError> {
         let mut overrides = self.given.clone();
         overrides.extend(self.changes());
@@ -201,10 +202,10 @@ impl Recipe {
         parse_with(&self.text, &self.name, &surroundings)
     }
 
-    /// What the scene is of, ready to run.
+    /// The subject of the scene, ready to run.
     ///
     /// # Errors
-    /// Whatever is wrong with the scene or its meshes.
+    /// Any error of the scene or its meshes.
     pub fn subject(self) -> Result<Box<dyn Subject>, StartError> {
         if is_biceps(&self.text) {
             return Ok(Box::new(Biceps::new(self)?));
@@ -218,12 +219,12 @@ impl Recipe {
         })
     }
 
-    /// What was written.
+    /// The text of the scene.
     pub(super) fn text(&self) -> &str {
         &self.text
     }
 
-    /// What it is called.
+    /// The name of the scene.
     pub(super) fn name(&self) -> &str {
         &self.name
     }
@@ -254,7 +255,7 @@ impl Recipe {
         parse_content(&self.text, &self.name, &surroundings)
     }
 
-    /// The changes so far, each as `--set` takes it.
+    /// The changes so far, each in the form of `--set`.
     pub fn changes(&self) -> Vec<String> {
         self.changes
             .iter()
@@ -262,7 +263,8 @@ impl Recipe {
             .collect()
     }
 
-    /// The same with a value at a path, in place of an earlier one there. Another solver begins with its own settings.
+    /// The recipe with a value at a path; replaces an earlier one. Another solver starts with its
+    /// default settings.
     #[must_use]
     pub fn with(&self, path: &str, value: &str) -> Self {
         let mut changed = self.without(path);
@@ -270,18 +272,19 @@ impl Recipe {
         changed
     }
 
-    /// The same with the value at a path as the scene was started with.
+    /// The recipe with the start value at a path.
     #[must_use]
     pub fn without(&self, path: &str) -> Self {
         let below = format!("{path}.");
-        // Settings of a solver that is not in use any more would call for that solver.
+        // Settings of an unused solver would select that solver.
         let goes = |known: &str| known == path || path == "solver" && known.starts_with(&below);
         let mut changed = self.clone();
         changed.changes.retain(|(known, _)| !goes(known));
         changed
     }
 
-    /// The scene after a change of the value at `path`, which must do with the meshes of the scene `before`.
+    /// The scene after a change of the value at `path`; it must suit the meshes of the scene
+    /// `before`.
     pub(super) fn checked(
         &self,
         path: &str,
@@ -300,7 +303,7 @@ impl Recipe {
     }
 }
 
-/// What of the meshes differs between two scenes.
+/// The difference between the meshes of two scenes, if any.
 fn other_meshes(a: &Scene, b: &Scene) -> Option<&'static str> {
     let patches = |scene: &Scene| -> Vec<Option<(Source, Option<usize>)>> {
         let areas = scene
@@ -353,7 +356,7 @@ fn other_meshes(a: &Scene, b: &Scene) -> Option<&'static str> {
         .find_map(|(differs, what)| differs.then_some(what))
 }
 
-/// An index that counts something there is.
+/// Checks an index.
 pub(super) fn check_index(what: &'static str, index: usize, count: usize) -> Result<(), Refused> {
     if index < count {
         Ok(())
@@ -362,7 +365,7 @@ pub(super) fn check_index(what: &'static str, index: usize, count: usize) -> Res
     }
 }
 
-/// A number that is finite, and positive where it must be.
+/// Checks that a number is finite, and positive where it must be.
 pub(super) fn check_number(what: &'static str, value: f64, positive: bool) -> Result<(), Refused> {
     let does = value.is_finite() && (value > 0.0 || !positive);
     if does {
@@ -376,7 +379,7 @@ pub(super) fn check_number(what: &'static str, value: f64, positive: bool) -> Re
     }
 }
 
-/// What a panic says.
+/// The message of a panic.
 pub(super) fn words(panic: &(dyn std::any::Any + Send)) -> String {
     let text = panic
         .downcast_ref::<String>()

@@ -1,7 +1,7 @@
-//! Pictures of what a window shows, one or a film of them, written without the window waiting for it.
+//! Pictures and films of the window, written in the background.
 //!
-//! A [`Recorder`] takes pictures at any rate, keeps some of them, made smaller and compressed, in a thread of its own, and
-//! writes them as an animated GIF or PNG when it is stopped.
+//! A [`Recorder`] receives pictures at any rate, scales and compresses some of them in its own
+//! thread, and writes them as an animated GIF or PNG at the end.
 //!
 //! ```no_run
 //! use pliant_viewer::recording::{Recorder, free_name};
@@ -16,8 +16,8 @@
 //! # Ok::<(), pliant_viewer::recording::RecordingError>(())
 //! ```
 //!
-//! *Limitations.* Colours are averaged as they are stored, not as light. When the window changes its size, pictures keep that
-//! of the first, with bars.
+//! *Limitations.* Colours are averaged as stored sRGB values, not as light. If the size of the
+//! window changes, pictures keep the size of the first, with bars.
 
 mod film;
 
@@ -35,39 +35,39 @@ use pliant::io::names::file_name;
 use pliant::io::write_whole;
 use pliant_render::{Frame, PictureError, write_film_as_apng, write_film_as_gif};
 
-/// From one picture of a film to the next.
+/// Time from one picture of a film to the next.
 pub const PERIOD: Duration = Duration::from_millis(80);
 
-/// Pictures of a film are at most so wide \[px\].
+/// Greatest width of the pictures of a film \[px\].
 pub const MOST_WIDTH: usize = 720;
 
-/// Pictures of a film at most; then it ends by itself.
+/// Greatest number of pictures of a film; the film then ends.
 pub const MOST_PICTURES: usize = 600;
 
-/// Compressed pictures at most [bytes]; then it ends by itself.
+/// Greatest total size of compressed pictures [bytes]; the film then ends.
 const MOST_BYTES: usize = 256 << 20;
 
-/// Pictures that may wait for the thread; more would only cost memory.
+/// Greatest number of pictures in the queue of the thread; more would only use memory.
 const WAITING: usize = 4;
 
-/// Why a picture or a film is not there.
+/// Error of a picture or a film.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// Its name says no format.
+    /// The file name has no known extension.
     #[error("`{0}` does not end as a recording; name it .gif, .png or .apng")]
     Ending(PathBuf),
-    /// It would replace something.
+    /// The file already exists.
     #[error("`{0}` is there already; choose another name")]
     Exists(PathBuf),
-    /// Nothing can be written there.
+    /// The file cannot be written.
     #[error("`{path}` cannot be written: {source}; choose another folder, or free some space")]
     Write {
-        /// What was to be written.
+        /// Path of the file.
         path: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// Its bytes are not those of a picture of its size.
+    /// The number of bytes does not match the size of the picture.
     #[error(
         "a picture of {width} x {height} pixels cannot have {bytes} bytes; it needs three a pixel"
     )]
@@ -76,16 +76,16 @@ pub enum RecordingError {
         width: usize,
         /// Height \[px\].
         height: usize,
-        /// Bytes that were given.
+        /// Given number of bytes.
         bytes: usize,
     },
-    /// It was stopped before there was a picture.
+    /// The film was stopped before its first picture.
     #[error("nothing was recorded, so `{0}` was not written; record for longer")]
     Nothing(PathBuf),
-    /// It cannot be made into bytes.
+    /// The picture cannot be encoded.
     #[error("the recording cannot be encoded: {0}")]
     Picture(#[from] PictureError),
-    /// The system gives no thread.
+    /// The system could not start a thread.
     #[error("the recording cannot have a thread of its own: {0}; end other programs and try again")]
     Thread(io::Error),
     /// The thread panicked.
@@ -93,29 +93,29 @@ pub enum RecordingError {
     Ended(PathBuf),
 }
 
-/// What became of a picture.
+/// Result of a pushed picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pushed {
-    /// It is part of the film.
+    /// The picture is part of the film.
     Taken,
-    /// It came too early to be.
+    /// The picture came too early.
     Early,
-    /// It should have been, but the thread was behind.
+    /// The picture was due, but the thread was too slow.
     Dropped,
-    /// The film is as long as it may be, or its thread is gone: stop it.
+    /// The film has its greatest length, or its thread ended: stop it.
     Full,
 }
 
-/// A film that was written.
+/// A written film.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Recorded {
     /// The file.
     pub path: PathBuf,
-    /// Its pictures.
+    /// Number of pictures.
     pub pictures: usize,
-    /// Pictures that it lacks because the thread was behind.
+    /// Number of pictures lost because the thread was too slow.
     pub dropped: usize,
-    /// Whether it ended by itself because it was as long as it may be.
+    /// True if the film ended at its greatest length.
     pub is_full: bool,
 }
 
@@ -126,14 +126,14 @@ enum Format {
     Apng,
 }
 
-/// A picture on its way.
+/// A picture in the queue.
 struct Taken {
     size: [usize; 2],
     rgb: Vec<u8>,
     at: Duration,
 }
 
-/// What both sides count.
+/// Counters of both threads.
 #[derive(Debug, Default)]
 struct Counts {
     pictures: AtomicUsize,
@@ -141,7 +141,8 @@ struct Counts {
     is_full: AtomicBool,
 }
 
-/// Records a film. Dropped without [`Self::stop`] it still writes what it has, but nobody hears of it.
+/// Records a film. A recorder dropped without [`Self::stop`] still writes the film, without a
+/// result.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
@@ -149,15 +150,16 @@ pub struct Recorder {
     thread: JoinHandle<Result<Recorded, RecordingError>>,
     counts: Arc<Counts>,
     begun: Instant,
-    /// When the next picture is due.
+    /// Time of the next picture.
     due: Duration,
 }
 
 impl Recorder {
-    /// Begins a film, whose format is that of the ending of its name: `.gif`, or `.png` or `.apng` for an animated PNG.
+    /// Starts a film; the extension selects the format: `.gif`, or `.png` or `.apng` for an
+    /// animated PNG.
     ///
     /// # Errors
-    /// Another ending, a file that is there, a folder that cannot be written to, no thread.
+    /// Another extension, an existing file, a folder that is not writable, or no thread.
     pub fn start(path: &Path) -> Result<Self, RecordingError> {
         Self::start_with(path, MOST_PICTURES)
     }
@@ -175,7 +177,7 @@ impl Recorder {
         if path.symlink_metadata().is_ok() {
             return Err(RecordingError::Exists(path.to_owned()));
         }
-        // Better known now than after a minute of recording.
+        // An error now is better than one after a minute of recording.
         let trial = path.with_added_extension(format!("{}.trial", std::process::id()));
         let tried = File::create_new(&trial).and_then(|_| fs::remove_file(&trial));
         tried.map_err(|source| RecordingError::Write {
@@ -199,35 +201,35 @@ impl Recorder {
         })
     }
 
-    /// Where the film will be.
+    /// Path of the film.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Pictures that it has so far.
+    /// Number of pictures so far.
     pub fn pictures(&self) -> usize {
         self.counts.pictures.load(Ordering::Relaxed)
     }
 
-    /// Pictures that it lacks because its thread was behind.
+    /// Number of pictures lost because the thread was too slow.
     pub fn dropped(&self) -> usize {
         self.counts.dropped.load(Ordering::Relaxed)
     }
 
-    /// Whether it ended by itself.
+    /// True if the film ended at its greatest length.
     pub fn is_full(&self) -> bool {
         self.counts.is_full.load(Ordering::Relaxed) || self.thread.is_finished()
     }
 
-    /// Whether a picture is due: one that is not need not be read from the graphics card.
+    /// True if a picture is due; other pictures need not be read from the graphics card.
     pub fn is_due(&self) -> bool {
         self.begun.elapsed() >= self.due
     }
 
-    /// Hands a picture over, rows from the top, red, green and blue a pixel; never waits.
+    /// Pushes a picture, rows from the top, red, green and blue of each pixel; never waits.
     ///
     /// # Errors
-    /// A number of bytes that does not fit.
+    /// A number of bytes that does not match the size.
     pub fn push(
         &mut self,
         width: usize,
@@ -237,7 +239,7 @@ impl Recorder {
         self.push_at(width, height, rgb, self.begun.elapsed())
     }
 
-    /// As [`Self::push`], of a picture that was taken at a time since the start.
+    /// The same as [`Self::push`] for a picture at a given time since the start.
     fn push_at(
         &mut self,
         width: usize,
@@ -252,7 +254,8 @@ impl Recorder {
         if at < self.due {
             return Ok(Pushed::Early);
         }
-        // By the clock, so that rounding up to whole pictures of the window does not add up; what is late is not made up for.
+        // By the clock, so that rounding to whole pictures does not add up; late pictures are not
+        // repeated.
         self.due = (self.due + PERIOD).max(at + PERIOD / 2);
         match self.sender.try_send(Taken {
             size: [width, height],
@@ -270,7 +273,7 @@ impl Recorder {
 
     /// Ends the film, which is then written.
     pub fn stop(self) -> Recording {
-        // Without a sender the thread goes on to write.
+        // Without a sender the thread proceeds to writing.
         let Self { path, thread, .. } = self;
         Recording {
             path,
@@ -280,7 +283,7 @@ impl Recorder {
     }
 }
 
-/// A film that is being written.
+/// A film during writing.
 #[derive(Debug)]
 pub struct Recording {
     path: PathBuf,
@@ -289,7 +292,7 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// What became of it, once that is known; never waits.
+    /// The result, once available; never waits.
     pub fn poll(&mut self) -> Option<&Result<Recorded, RecordingError>> {
         if self.thread.as_ref().is_some_and(JoinHandle::is_finished) {
             self.join();
@@ -297,10 +300,10 @@ impl Recording {
         self.result.as_ref()
     }
 
-    /// Waits until it is written.
+    /// Waits until the film is written.
     ///
     /// # Errors
-    /// Why it was not.
+    /// The error of the writing.
     pub fn wait(mut self) -> Result<Recorded, RecordingError> {
         self.join();
         self.result.unwrap_or(Err(RecordingError::Ended(self.path)))
@@ -314,7 +317,7 @@ impl Recording {
     }
 }
 
-/// Keeps pictures until nobody sends any more or there are enough, then writes them.
+/// Stores pictures until the sender ends or there are enough, then writes them.
 fn record(
     path: PathBuf,
     format: Format,
@@ -381,10 +384,10 @@ fn check_size(width: usize, height: usize, rgb: &[u8]) -> Result<(), RecordingEr
     }
 }
 
-/// Writes a picture as a PNG, whole or not at all; in place of one of that name.
+/// Writes a picture as a complete PNG; replaces a file of that name.
 ///
 /// # Errors
-/// A number of bytes that does not fit, or a file that cannot be written.
+/// A number of bytes that does not match the size, or a file that cannot be written.
 pub fn save_png(
     path: &Path,
     width: usize,
@@ -407,7 +410,8 @@ pub fn save_png(
     })
 }
 
-/// The next name that no file of a folder has: `NAME-0001.ENDING`, `NAME-0002.ENDING`, and so on behind the last.
+/// The next unused name in a folder: `NAME-0001.ENDING`, `NAME-0002.ENDING`, and so on after the
+/// last.
 ///
 /// # Errors
 /// A folder that cannot be read.

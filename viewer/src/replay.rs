@@ -1,10 +1,10 @@
-//! The frames of a finished run as a subject: any of them, forwards and backwards.
+//! The frames of a finished run in a session: any frame, forwards and backwards.
 //!
-//! Only the collection is read at once; a frame is read when it is shown, and kept while there is room. What does not deform
-//! has a pose that is found from its vertices.
+//! Only the collection is read at the start. A frame is read for its display and cached while there
+//! is memory. Rigid bodies get a pose computed from their vertices.
 //!
-//! *Limitations.* A run that was killed before it wrote its collection cannot be played. Stretch, depth and speed are those
-//! that the files have: no file of `pliant run` has the depth of a vertex.
+//! *Limitations.* A run that ended before it wrote its collection cannot be played. Stretch, depth
+//! and speed are those of the files: no file of `pliant run` contains the depth of a vertex.
 
 mod files;
 mod told;
@@ -30,95 +30,96 @@ use pliant::mesh::measures::greatest;
 use timeline::{Timeline, USUAL_RATE};
 use told::{Kind, Told};
 
-/// Frames that were read are kept up to this size [bytes].
+/// Greatest size of the cache of frames [bytes].
 const ROOM: usize = 256 << 20;
 
-/// Damaged frames that are told one by one.
+/// Greatest number of damaged frames that are reported separately.
 const TOLD_ONE_BY_ONE: usize = 5;
 
-/// What a finished run answers to whoever wants to change it.
+/// The answer of a finished run to a change.
 const ONLY_PLAYED: &str =
     "a finished run is only played; run the scene to change it: pliant view SCENE";
 
-/// Why a run cannot be played; the text says what to do about it.
+/// The reason why a run cannot be played, with advice.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
-    /// There is nothing of that name.
+    /// The path does not exist.
     #[error("there is no folder `{0}`; name one that `pliant run` wrote, such as pliant-out/hip")]
     NoFolder(PathBuf),
-    /// It is a file, and no collection.
+    /// The path is a file, but no collection.
     #[error("`{0}` is no folder and no .pvd; name the folder that `pliant run` wrote")]
     NotAFolder(PathBuf),
-    /// The folder has no frames of a run.
+    /// The folder contains no frames of a run.
     #[error(
         "`{0}` has no .pvd, so there are no frames to play; name a folder that `pliant run` wrote"
     )]
     NoCollection(PathBuf),
-    /// The list of the frames is not there yet.
+    /// The list of the frames does not exist yet.
     #[error(
         "`{0}` has no .pvd yet: its run goes on, or was killed; wait for its end, or finish it: resume a run \
          with checkpoints, run any other again"
     )]
     Unfinished(PathBuf),
-    /// It is not clear which is meant.
+    /// There are several collections.
     #[error("`{folder}` has {} collections; name one of them: {}", files.len(), files.join(", "))]
     Several {
         /// The folder.
         folder: PathBuf,
-        /// Their names.
+        /// Names of the collections.
         files: Vec<String>,
     },
-    /// The folder cannot be looked into.
+    /// The folder cannot be read.
     #[error("`{folder}` cannot be read: {source}; check whether you may read it")]
     Folder {
         /// The folder.
         folder: PathBuf,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The collection is damaged.
     #[error("{}", .0.terse())]
     Collection(Box<ReadError>),
-    /// The collection lists nothing.
+    /// The collection is empty.
     #[error("`{0}` lists no frames; run the scene again")]
     Empty(PathBuf),
     /// No frame can be read.
     #[error("none of the {frames} frames can be shown; frame {first}: {why}")]
     NoFrame {
-        /// How many there should be.
+        /// Number of frames.
         frames: usize,
-        /// The first of them.
+        /// Index of the first frame.
         first: usize,
-        /// What is wrong with it, and what to do about it.
+        /// The error of the first frame, with advice.
         why: String,
     },
 }
 
-/// What is shown of a frame: a part by its index, and what its file has.
+/// The contents of a frame: the index of each part, and its file's content.
 type Scenery = Vec<(usize, Arc<Shown>)>;
 
-/// A finished run that is played.
+/// A finished run in a session.
 pub struct Replay {
     timeline: Timeline,
     files: Files,
     told: Told,
     rate: f64,
-    /// Index of the moment that is shown, and what is.
+    /// Index of the displayed moment, and its contents.
     at: usize,
     now: Scenery,
     stage: Arc<Stage>,
     backwards: bool,
     probe: Option<(usize, usize)>,
-    /// What is wrong with frames, by the index of their moment.
+    /// Errors of frames, by the index of their moment.
     damaged: BTreeMap<usize, String>,
     controls: Arc<Vec<Control>>,
 }
 
 impl Replay {
-    /// Opens the results of a run, at their first frame: a folder with one collection in it, or a collection.
+    /// Opens the results of a run at their first frame: a folder with one collection, or a
+    /// collection.
     ///
     /// # Errors
-    /// No such folder, no collection in it or several, a damaged one, or no frame that can be shown.
+    /// No such folder, no collection in it or several, a damaged one, or no readable frame.
     pub fn open(path: &Path) -> Result<Self, ReplayError> {
         let path = collection_of(path)?;
         let collection =
@@ -157,7 +158,7 @@ impl Replay {
         Ok(replay)
     }
 
-    /// Shows the first frame that can be shown; the error is that of the first of all.
+    /// Displays the first readable frame; the error is that of the very first frame.
     fn rewind(&mut self) -> Result<(), ReadError> {
         let mut first = None;
         for k in 0..self.timeline.moments.len() {
@@ -169,7 +170,7 @@ impl Replay {
         first.map_or(Ok(()), Err)
     }
 
-    /// Shows a moment; if a file of it cannot be read, what is shown stays.
+    /// Displays a moment; if one of its files cannot be read, the display is unchanged.
     fn show(&mut self, k: usize) -> Result<(), ReadError> {
         let moment = &self.timeline.moments[k];
         let (parts, files) = (&self.timeline.parts, &mut self.files);
@@ -184,7 +185,7 @@ impl Replay {
             .collect::<Result<Scenery, ReadError>>()
         {
             Ok(now) => {
-                // It may have been written anew.
+                // The file may have been rewritten.
                 self.damaged.remove(&k);
                 let is_same = now.len() == self.now.len()
                     && now.iter().zip(&self.now).all(|(a, b)| same_on_stage(a, b));
@@ -202,7 +203,7 @@ impl Replay {
         }
     }
 
-    /// The moment behind one, or before it.
+    /// The moment after or before one.
     fn next(&self, k: usize) -> Option<usize> {
         let next = if self.backwards {
             k.checked_sub(1)
@@ -222,7 +223,8 @@ impl Replay {
             })
     }
 
-    /// Bodies whose edges can be stretched: those of an implant have no rest lengths, and zeros in its files.
+    /// Bodies with edge strains: those of an implant have no rest lengths, and zeros in their
+    /// files.
     fn stretched(&self) -> impl Iterator<Item = (&str, &Deformed)> {
         let is_implant =
             |name: &str, body: &Deformed| self.tissue(name, body.shape.origin) == Tissue::Implant;
@@ -230,7 +232,7 @@ impl Replay {
             .filter(move |(name, body)| !body.stretch.is_empty() && !is_implant(name, body))
     }
 
-    /// The stage of what is shown now.
+    /// The stage of the displayed frame.
     fn set(&self) -> Stage {
         let body = |(name, body): (&str, &Deformed)| StageBody {
             name: plain_name(name).to_owned(),
@@ -270,7 +272,7 @@ impl Replay {
             .map_or(0, |moment| moment.frame)
     }
 
-    /// Volume error, stretch and depth, named and in units as those of muscles that run.
+    /// Volume error, stretch and depth, with the names and units of running muscles.
     fn readings(&self) -> Vec<Reading> {
         let measured = self
             .told
@@ -308,7 +310,7 @@ impl Replay {
         for (name, body) in self.stretched().filter(|(name, _)| !is_told(name)) {
             add("Greatest stretch", name, "%", stretch(body));
         }
-        // Where there is but one it needs no name.
+        // A single body needs no name.
         if all.iter().all(|reading| reading.of == all[0].of) {
             all.iter_mut().for_each(|reading| reading.of.clear());
         }
@@ -365,7 +367,7 @@ impl Replay {
     }
 }
 
-/// Whether two parts, each as shown, need the same stage.
+/// True if two displayed parts need the same stage.
 fn same_on_stage((a, shown): &(usize, Arc<Shown>), (b, before): &(usize, Arc<Shown>)) -> bool {
     a == b
         && match (&**shown, &**before) {
@@ -378,7 +380,7 @@ fn same_on_stage((a, shown): &(usize, Arc<Shown>), (b, before): &(usize, Arc<Sho
         }
 }
 
-/// The collection in a folder; a path to a collection is one.
+/// The collection in a folder, or the path itself if it is a collection.
 fn collection_of(path: &Path) -> Result<PathBuf, ReplayError> {
     let is_collection = |path: &Path| {
         path.extension()
@@ -491,7 +493,7 @@ impl Subject for Replay {
                     Advanced::Rests
                 };
             }
-            // A damaged frame is passed over.
+            // Damaged frames are skipped.
             if watch.is_ended() {
                 return Advanced::GivenUp;
             }
@@ -532,7 +534,7 @@ impl Subject for Replay {
                 self.probe = Some((*body, *vertex));
                 Ok(())
             }
-            // The session does these itself.
+            // The session handles these commands itself.
             Command::Pause | Command::Run | Command::Step | Command::Speed(_) => Ok(()),
             _ => Err(Refused::NotHere(ONLY_PLAYED)),
         }

@@ -1,4 +1,4 @@
-//! A subject that runs in a thread of its own, at its own rate; whoever looks at it never waits for it.
+//! A subject that runs in its own thread at its own rate, without blocking the display.
 
 mod worker;
 
@@ -15,26 +15,27 @@ use super::snapshot::Snapshot;
 use super::subject::Subject;
 use worker::Worker;
 
-/// How fast frames follow one another.
+/// Rate of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Speed {
-    /// A share of real time: 1 for as many frames a second as the scene has. Slower where a frame takes longer.
+    /// A multiple of real time: at 1 the frame rate of the scene; slower where a frame takes
+    /// longer.
     Share(f64),
-    /// As fast as it can.
+    /// As fast as possible.
     Free,
 }
 
-/// How a session begins.
+/// Start state of a session.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
-    /// Whether frames follow by themselves.
+    /// True if frames follow automatically.
     pub running: bool,
-    /// How fast.
+    /// Rate of frames.
     pub speed: Speed,
 }
 
 impl Pace {
-    /// In real time.
+    /// Runs in real time.
     pub fn real_time() -> Self {
         Self {
             running: true,
@@ -42,7 +43,7 @@ impl Pace {
         }
     }
 
-    /// As fast as it can.
+    /// Runs as fast as possible.
     pub fn free() -> Self {
         Self {
             running: true,
@@ -50,7 +51,7 @@ impl Pace {
         }
     }
 
-    /// Not before it is told to.
+    /// Paused until a command.
     pub fn paused() -> Self {
         Self {
             running: false,
@@ -59,97 +60,98 @@ impl Pace {
     }
 }
 
-/// What a session can be told.
+/// Commands of a session.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    /// No more frames by themselves.
+    /// Stops the frames.
     Pause,
-    /// Frames by themselves.
+    /// Starts the frames.
     Run,
-    /// One frame, then pause.
+    /// Computes one frame, then pauses.
     Step,
-    /// Back to the start, with the changes made so far; nothing is dragged, fixed or turned by hand any more.
+    /// Returns to the start with the changes so far; releases dragged and fixed vertices and
+    /// rotated bones.
     Reset,
-    /// How fast frames follow.
+    /// Sets the rate of frames.
     Speed(Speed),
-    /// Another value at a path of the scene, both as `--set` takes them.
+    /// Sets a value at a path of the scene, both in the form of `--set`.
     Set {
-        /// As in `muscle.0.material.stretch`.
+        /// A path such as `muscle.0.material.stretch`.
         path: String,
-        /// As in `200 N/m`.
+        /// A value such as `200 N/m`.
         value: String,
     },
-    /// The value that the scene was started with.
+    /// Restores the start value at a path.
     Restore {
-        /// As of [`Self::Set`].
+        /// A path as in [`Self::Set`].
         path: String,
     },
-    /// Turns a bone about its joint to an angle, by at most [`MOST_TURN`] a frame.
+    /// Rotates a bone about its joint to an angle, by at most [`MOST_TURN`] per frame.
     Turn {
-        /// Which bone.
+        /// Index of the bone.
         bone: usize,
-        /// The angle from where its file has it [rad].
+        /// The angle relative to the pose in the file [rad].
         angle: f64,
     },
-    /// Keeps a bone at the angle that it has now, until it is turned or given back to its motion.
+    /// Holds a bone at its present angle, until it is rotated or returned to its motion.
     Hold {
-        /// Which bone.
+        /// Index of the bone.
         bone: usize,
     },
-    /// Gives a bone back to its motion, as slowly.
+    /// Returns a bone to its motion, at the same rate.
     ByMotion {
-        /// Which bone.
+        /// Index of the bone.
         bone: usize,
     },
-    /// Drags a vertex by a spring, in place of the one that was dragged before.
+    /// Drags a vertex by a spring; replaces an earlier one.
     Drag {
-        /// Which body.
+        /// Index of the body.
         body: usize,
-        /// Which vertex of it.
+        /// Index of the vertex.
         vertex: usize,
-        /// Where to [m].
+        /// Target [m].
         to: Point3<f64>,
-        /// Stiffness of the spring [N/m]; `None` for three times that of the muscle's surface.
+        /// Stiffness of the spring [N/m]; `None` means three times that of the muscle's surface.
         stiffness: Option<f64>,
     },
-    /// Lets go of what is dragged.
+    /// Releases the dragged vertex.
     LetGo {
-        /// Which body.
+        /// Index of the body.
         body: usize,
     },
-    /// Fixes a vertex where it is.
+    /// Fixes a vertex at its position.
     Fix {
-        /// Which body.
+        /// Index of the body.
         body: usize,
-        /// Which vertex of it.
+        /// Index of the vertex.
         vertex: usize,
     },
-    /// Frees a vertex that was fixed.
+    /// Releases a fixed vertex.
     Free {
-        /// Which body.
+        /// Index of the body.
         body: usize,
-        /// Which vertex of it.
+        /// Index of the vertex.
         vertex: usize,
     },
     /// Moves a handle.
     Move {
-        /// Which handle.
+        /// Index of the handle.
         handle: usize,
-        /// Where to [m].
+        /// Target [m].
         to: Point3<f64>,
     },
-    /// Tells the numbers of a vertex of a body from now on; `None` of none.
+    /// Selects a vertex of a body for its measures; `None` for none.
     Probe(Option<(usize, usize)>),
-    /// Goes to a frame of a finished run.
+    /// Moves to a frame of a finished run.
     Seek {
-        /// Which.
+        /// Index of the frame.
         frame: usize,
     },
-    /// Whether the frames of a finished run follow backwards.
+    /// Sets whether the frames of a finished run follow backwards.
     Backwards(bool),
 }
 
-/// Where snapshots are published.
+/// The published snapshots.
 #[derive(Debug)]
 struct Board {
     latest: Mutex<Arc<Snapshot>>,
@@ -157,7 +159,7 @@ struct Board {
 }
 
 impl Board {
-    /// Holds the lock for as long as it takes to copy a pointer; a thread that panicked leaves a whole pointer behind.
+    /// Holds the lock only to copy a pointer, which stays valid if a thread panics.
     fn latest(&self) -> Arc<Snapshot> {
         self.latest
             .lock()
@@ -167,7 +169,7 @@ impl Board {
 
     fn publish(&self, snapshot: Snapshot) {
         let fresh = Arc::new(snapshot);
-        // The old one is dropped after the lock.
+        // The old snapshot is dropped after the lock.
         let _old = std::mem::replace(
             &mut *self.latest.lock().unwrap_or_else(PoisonError::into_inner),
             fresh,
@@ -176,7 +178,8 @@ impl Board {
     }
 }
 
-/// A running subject. Dropping it ends its thread after the frame that is being computed, and waits for that.
+/// A running subject. Dropping the session ends its thread after the present frame, and waits for
+/// it.
 #[derive(Debug)]
 pub struct Session {
     commands: Option<Sender<(u64, Command)>>,
@@ -187,15 +190,15 @@ pub struct Session {
 }
 
 impl Session {
-    /// Reads a scene and its meshes and lets it run. The first snapshot, the start, is there when this returns.
+    /// Reads a scene with its meshes and runs it. The first snapshot is available on return.
     ///
     /// # Errors
-    /// A scene or a mesh that is wrong; no thread.
+    /// An invalid scene or mesh, or no thread.
     pub fn start(recipe: Recipe, pace: Pace) -> Result<Self, StartError> {
         Self::of(recipe.subject()?, pace)
     }
 
-    /// Lets a subject run.
+    /// Runs a subject.
     ///
     /// # Errors
     /// No thread.
@@ -223,22 +226,23 @@ impl Session {
         })
     }
 
-    /// Sends a command and returns its number, which [`Snapshot::answered`] reaches when it was done or refused.
+    /// Sends a command. Returns its number, which [`Snapshot::answered`] reaches when the command
+    /// was done or rejected.
     pub fn send(&self, command: Command) -> u64 {
         let number = self.sent.fetch_add(1, Ordering::Relaxed) + 1;
         if let Some(commands) = &self.commands {
-            // Its thread ends only when this does.
+            // The thread ends only together with this session.
             let _ = commands.send((number, command));
         }
         number
     }
 
-    /// The last snapshot; waits for nothing but a pointer being copied.
+    /// The last snapshot; waits only for the copy of a pointer.
     pub fn latest(&self) -> Arc<Snapshot> {
         self.board.latest()
     }
 
-    /// The first snapshot from now on for which something holds; `None` if there is none in time.
+    /// The first snapshot from now on that satisfies a condition; `None` after the timeout.
     pub fn wait(
         &self,
         longest: Duration,

@@ -1,8 +1,9 @@
-//! Skin over implants, or over a ball, as a subject: an implant is dragged over the skin, area and volume follow.
+//! Skin over implants, or over a ball, in a session: a dragged implant changes area and volume.
 //!
-//! Every change makes the skin ready anew, at frame 0 of the new place; the frames up to the one that was reached are then
-//! computed whether it runs or not, so that the equilibrium is there without being asked for. A move is shown at once, the
-//! skin at rest and the shell where it will be, and made ready after that; a newer command gives up what is being computed.
+//! Every change prepares the skin again, at frame 0 of the new place. The frames up to the previous
+//! one are then computed even in a pause, so that the equilibrium appears without a command. A move
+//! is displayed at once, with the skin at rest and the shell at its target; the preparation
+//! follows. A newer command interrupts the computation.
 
 mod controls;
 mod shots;
@@ -26,32 +27,32 @@ use pliant::skin::plan::Place;
 use pliant::skin::region::frame;
 use shots::Spot;
 
-/// Frames of an equilibrium have no rate of their own; they follow one another at this one [1/s].
+/// Equilibria have no frame rate; they follow one another at this rate [1/s].
 const RATE: f64 = 4.0;
 
-/// An implant on its way to another place: shown, but not made ready.
+/// An implant during a move: displayed, but not prepared.
 struct Moving {
     recipe: Recipe,
     scene: SkinScene,
-    /// Where its handle is [m], and its shell [m].
+    /// Position of its handle [m], and its shell [m].
     at: Point3<f64>,
     shell: Vec<Point3<f64>>,
     implant: usize,
 }
 
-/// Skin that is looked at.
+/// Skin in a session.
 pub(super) struct Skin {
     recipe: Recipe,
     run: SkinRun,
-    /// The frame that was reached before the last change.
+    /// The frame before the last change.
     reached: usize,
     moving: Option<Box<Moving>>,
     stage: Arc<Stage>,
     controls: Arc<Vec<Control>>,
-    /// What the sliders were made for.
+    /// Ranges of the sliders.
     ranges: controls::Ranges,
     springs: Vec<pliant::constraints::distance::Distance>,
-    /// Where on the whole skin each implant is, and its shell as it would be before anything gives way [m].
+    /// Position of each implant on the whole skin, and its undeformed shell [m].
     spots: Vec<Spot>,
     domes: Vec<TriangleMesh>,
     probe: Option<(usize, usize)>,
@@ -73,7 +74,7 @@ fn implants(scene: &SkinScene) -> &[Filled] {
 }
 
 impl Skin {
-    /// Reads the meshes of `scene` and makes the skin ready.
+    /// Reads the meshes of `scene` and prepares the skin.
     pub(super) fn new(recipe: Recipe, scene: SkinScene) -> Result<Self, StartError> {
         let ranges = controls::Ranges::of(&recipe, &scene);
         let mut skin = Self {
@@ -93,7 +94,7 @@ impl Skin {
         Ok(skin)
     }
 
-    /// Everything that a newly made run is seen by.
+    /// Updates the displayed data of a new run.
     fn look(&mut self) {
         (self.stage, self.springs) = shots::stage(&self.run);
         self.spots = shots::spots(&self.run);
@@ -105,21 +106,21 @@ impl Skin {
             .filter(|(body, v)| counts.get(*body).is_some_and(|count| v < count));
     }
 
-    /// Another run in place of this one.
+    /// Replaces the run.
     fn take(&mut self, recipe: Recipe, run: SkinRun) {
         self.reached = self.reached.max(self.run.frame());
         (self.recipe, self.run, self.moving) = (recipe, run, None);
         self.look();
     }
 
-    /// The recipe with all that was asked for.
+    /// The recipe with all pending changes.
     fn wanted(&self) -> &Recipe {
         self.moving
             .as_ref()
             .map_or(&self.recipe, |moving| &moving.recipe)
     }
 
-    /// Another skin at the start.
+    /// Changes the skin; restarts it.
     fn change(&mut self, recipe: Recipe) -> Result<(), Refused> {
         let run = SkinRun::new(scene_of(&recipe)?).map_err(Refused::Load)?;
         self.take(recipe, run);
@@ -143,7 +144,7 @@ impl Skin {
     fn restore(&mut self, path: &str) -> Result<(), Refused> {
         let recipe = match (controls::turned(path), path.strip_suffix(".at")) {
             (Some(implant), _) => self.wanted().without(&format!("implant.{implant}.long")),
-            // A move has also removed the vertex that it was near.
+            // A move has also removed the key of the near vertex.
             (None, Some(implant)) => self
                 .wanted()
                 .without(path)
@@ -160,7 +161,8 @@ impl Skin {
         Ok(())
     }
 
-    /// Shows an implant at the point of the skin nearest to `to`; [`Subject::advance`] makes it so.
+    /// Displays an implant at the point of the skin nearest to `to`; [`Subject::advance`] prepares
+    /// it.
     fn move_implant(&mut self, implant: usize, to: &Point3<f64>) -> Result<(), Refused> {
         check_index("implant", implant, self.spots.len())?;
         to.iter()
@@ -173,7 +175,7 @@ impl Skin {
                 "the skin has no triangles to move an implant over",
             ));
         };
-        // The place of the skin at rest that is there now.
+        // The point of the skin at rest at that position.
         let spot = Spot::new(&shown, &skin.triangles, found.triangle, &found.point);
         let at = spot.at(&skin.vertices);
         let parts = [at.x, at.y, at.z].map(|c| format!("\"{c} m\"")).join(", ");
@@ -188,7 +190,7 @@ impl Skin {
             self.reached = self.run.frame();
             self.domes = shots::domes(&self.run, self.reached);
         }
-        // As it would be here, but in the frame of the new place.
+        // The undeformed shape in the frame of the new place.
         let normal = spot.normal(&skin.vertices);
         let turn = frame(&at, &normal, order.long.as_ref()) * self.spots[implant].frame.inverse();
         let shell = self.domes[implant]
@@ -206,7 +208,7 @@ impl Skin {
         Ok(())
     }
 
-    /// Makes ready what was moved.
+    /// Prepares a moved implant.
     fn arrive(&mut self, moving: Moving, watch: Watch<'_>) -> Advanced {
         match SkinRun::new_with(moving.scene.clone(), &watch) {
             Ok(run) => {
@@ -217,7 +219,7 @@ impl Skin {
                 self.moving = Some(Box::new(moving));
                 Advanced::GivenUp
             }
-            // It stays where it was before.
+            // The implant stays at its previous place.
             Err(error) => Advanced::Refused(LoadError::terse(&error)),
         }
     }
@@ -289,7 +291,7 @@ impl Subject for Skin {
     }
 }
 
-/// The direction that `angle` [rad] is about z from x, of a frame.
+/// The direction at `angle` [rad] from x about z of a frame.
 fn direction(frame: &nalgebra::Isometry3<f64>, angle: f64) -> Vector3<f64> {
     frame * Vector3::new(libm::cos(angle), libm::sin(angle), 0.0)
 }

@@ -1,4 +1,4 @@
-//! What a window shows of whatever runs: a frame of it, made by its thread and never changed again.
+//! The displayed state of a session: one frame, created by its thread and immutable.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use pliant::fibres::binding::BoundLines;
 use pliant::mesh::TriangleMesh;
 use pliant::scene::Scene;
 
-/// What a body is made of: how it is drawn where no field colours it.
+/// Material of a body, which decides on its colour without a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tissue {
     /// A muscle.
@@ -18,58 +18,58 @@ pub enum Tissue {
     Skin,
     /// An implant.
     Implant,
-    /// A bone or another obstacle that is not at a pose.
+    /// A bone or another obstacle without a pose.
     Bone,
-    /// A body of no tissue in particular.
+    /// Any other body.
     Plain,
 }
 
-/// What stays the same as long as surfaces keep their triangles.
+/// Data that are constant while surfaces keep their triangles.
 #[derive(Clone, Debug, Default)]
 pub struct Stage {
-    /// What deforms.
+    /// Deformable bodies.
     pub bodies: Vec<StageBody>,
     /// Name and surface of each bone, in its own frame [m].
     pub bones: Vec<(String, TriangleMesh)>,
 }
 
-/// What stays the same of a body.
+/// Constant data of a body.
 #[derive(Clone, Debug)]
 pub struct StageBody {
-    /// Its name.
+    /// Name of the body.
     pub name: String,
-    /// What it is made of.
+    /// Material of the body.
     pub tissue: Tissue,
-    /// Its triangles; none for a body of edges alone.
+    /// Triangles; empty for a body of edges alone.
     pub triangles: Vec<[u32; 3]>,
-    /// Its edges.
+    /// Edges.
     pub edges: Vec<[u32; 2]>,
-    /// The vertices that something holds.
+    /// Fixed vertices.
     pub held: Vec<u32>,
-    /// Fibres that follow it.
+    /// Fibres bound to the body.
     pub fibres: BoundLines,
 }
 
 /// One moment of a session.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
-    /// Rises by one from each to the next.
+    /// Serial number, increased by one for each snapshot.
     pub serial: u64,
-    /// Commands that were answered so far: the number that [`super::Session::send`] gave to the last of them.
+    /// The number of the last answered command, as returned by [`super::Session::send`].
     pub answered: u64,
-    /// Whether frames follow by themselves.
+    /// True if frames follow automatically.
     pub running: bool,
-    /// How fast they follow.
+    /// Rate of frames.
     pub speed: super::Speed,
-    /// Why the last command that was refused was, with its number.
+    /// Number of the last rejected command, and the reason.
     pub refused: Option<(u64, String)>,
-    /// Why it cannot go on, until it is reset.
+    /// The reason why the subject cannot continue until a reset.
     pub failed: Option<String>,
     /// Time of the last frame [ms].
     pub frame_ms: f64,
-    /// Frames a second, over those of the last moments; 0 before two frames.
+    /// Frames per second over the last moments; 0 before two frames.
     pub frames_per_second: f64,
-    /// What is seen.
+    /// Visible state.
     pub view: Shot,
 }
 
@@ -81,110 +81,111 @@ impl std::ops::Deref for Snapshot {
     }
 }
 
-/// What is seen of a subject at one moment.
+/// Visible state of a subject at one moment.
 #[derive(Clone, Debug)]
 pub struct Shot {
-    /// The last frame that was computed; 0 is the start.
+    /// The last computed frame; 0 is the start.
     pub frame: usize,
-    /// The frame at which the scene ends; a session may go beyond it.
+    /// The last frame of the scene; a session can continue after it.
     pub last_frame: usize,
-    /// What belongs to the numbers below: another one when surfaces get other triangles.
+    /// Constant data of the bodies; replaced when surfaces get other triangles.
     pub stage: Arc<Stage>,
-    /// The scene of muscles with the changes so far; `None` of anything else.
+    /// The scene of muscles with the changes so far; `None` for other subjects.
     pub scene: Option<Arc<Scene>>,
-    /// What can be changed.
+    /// Controls.
     pub controls: Arc<Vec<Control>>,
-    /// What deforms, as on the stage.
+    /// Deformable bodies, in the order of the stage.
     pub bodies: Vec<BodyShot>,
-    /// Bones, as on the stage.
+    /// Bones, in the order of the stage.
     pub bones: Vec<BoneShot>,
-    /// Points that can be moved.
+    /// Points that the user can move.
     pub handles: Vec<Handle>,
-    /// Numbers worth a plot.
+    /// Values for plots.
     pub readings: Vec<Reading>,
-    /// The vertex that was asked for.
+    /// Measures of the selected vertex.
     pub probe: Option<Probe>,
     /// Time of each effect in the last frame [ms].
     pub effects: Vec<(&'static str, f64)>,
-    /// Notes of reading and of running, for people.
+    /// Notes from reading and from the run.
     pub notes: Vec<String>,
 }
 
-/// A body at one moment. Lists have an entry for each vertex, or none where the body has no such field.
+/// A body at one moment. Lists have an entry for each vertex, or are empty if the body has no such
+/// field.
 #[derive(Clone, Debug, Default)]
 pub struct BodyShot {
     /// Positions [m].
     pub positions: Vec<Point3<f64>>,
-    /// Mean absolute strain of the edges that meet there.
+    /// Mean absolute strain of the edges at each vertex.
     pub stretch: Vec<f64>,
     /// Depth in the bones [m], 0 outside.
     pub depth: Vec<f64>,
     /// Speed [m/s].
     pub speed: Vec<f64>,
-    /// Volume over its target, less 1; 0 where no volume is kept.
+    /// Volume over its target, minus 1; 0 without a volume constraint.
     pub volume_error: f64,
-    /// Vertices that touch an obstacle.
+    /// Vertices in contact with an obstacle.
     pub touching: Vec<u32>,
-    /// Vertices that somebody fixed.
+    /// Vertices that the user fixed.
     pub fixed: Vec<u32>,
-    /// The vertex that is dragged, and where to [m].
+    /// The dragged vertex and its target [m].
     pub dragged: Option<(u32, Point3<f64>)>,
-    /// The frame at which it was stopped, and why.
+    /// Frame and cause of a stop.
     pub stopped: Option<(usize, String)>,
 }
 
 /// A bone at one moment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoneShot {
-    /// Maps its own frame [m] to the world [m].
+    /// Maps bone coordinates [m] to world coordinates [m].
     pub pose: Isometry3<f64>,
     /// The angle about its joint [rad], in -pi..pi; `None` without a joint.
     pub angle: Option<f64>,
-    /// What moves it.
+    /// Source of the motion.
     pub steering: Steering,
 }
 
-/// What moves a bone.
+/// Source of a bone's motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Steering {
-    /// The scene's motion.
+    /// The motion of the scene.
     #[default]
     Motion,
-    /// The hand.
+    /// The user.
     Hand,
-    /// It is on its way from where the hand left it to where its motion is.
+    /// Return from the user's pose to the motion of the scene.
     Return,
 }
 
-/// A point that can be moved: an implant, a node.
+/// A point that the user can move: an implant, a node.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Handle {
-    /// What it moves.
+    /// Name of the moved object.
     pub name: String,
-    /// Where it is [m].
+    /// Position [m].
     pub at: Point3<f64>,
 }
 
-/// A number of one moment.
+/// A value at one moment.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// What it is: those of one name share a plot.
+    /// Name of the quantity: readings of one name share a plot.
     pub name: &'static str,
-    /// Of which body; empty where there is but one.
+    /// Name of the body; empty for a single body.
     pub of: String,
-    /// Its unit; empty for none.
+    /// Unit; empty for none.
     pub unit: &'static str,
-    /// The number, in that unit.
+    /// Value in that unit.
     pub value: f64,
 }
 
-/// What is known of one vertex.
+/// Measures of one vertex.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probe {
-    /// Which body.
+    /// Index of the body.
     pub body: usize,
-    /// Which vertex.
+    /// Index of the vertex.
     pub vertex: usize,
-    /// Name, value and unit of each number.
+    /// Name, value and unit of each measure.
     pub values: Vec<(&'static str, f64, &'static str)>,
 }

@@ -1,4 +1,5 @@
-//! What a session runs: muscles, skin, a lattice, a geometric muscle, or the frames of a finished run.
+//! The subjects of a session: muscles, skin, a lattice, a geometric muscle, or the frames of a
+//! finished run.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -8,22 +9,22 @@ use super::session::Command;
 use super::snapshot::Shot;
 use pliant::progress::Progress;
 
-/// How a frame ended.
+/// Result of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Advanced {
-    /// It is there, and others may follow.
+    /// The frame is computed, and others can follow.
     On,
-    /// It is there, and nothing follows by itself.
+    /// The frame is computed, and none follows automatically.
     Rests,
-    /// It was given up for a command that waits; what is seen is as it was.
+    /// The computation was interrupted for a waiting command; the display is unchanged.
     GivenUp,
-    /// What was asked for before cannot be, and why; what is seen is as it was.
+    /// An earlier request is impossible, with the reason; the display is unchanged.
     Refused(String),
-    /// There is none, and why; nothing but a reset helps.
+    /// The computation failed, with the cause; only a reset helps.
     Failed(String),
 }
 
-/// Says to a long frame whether it is still wanted.
+/// Cancellation of a long frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Watch<'a> {
     pub(super) ended: &'a AtomicBool,
@@ -32,12 +33,12 @@ pub struct Watch<'a> {
 }
 
 impl Watch<'_> {
-    /// Whether the session is at its end.
+    /// True if the session ends.
     pub fn is_ended(&self) -> bool {
         self.ended.load(Ordering::Relaxed)
     }
 
-    /// Whether a command waits.
+    /// True if a command waits.
     pub fn is_called(&self) -> bool {
         self.sent.load(Ordering::Relaxed) > self.answered
     }
@@ -53,27 +54,28 @@ impl Progress for Watch<'_> {
     }
 }
 
-/// Something that has frames and takes commands. It lives in the thread of its session; a panic in it is told as a
-/// failure.
+/// An object with frames and commands. It lives in the thread of its session, which reports its
+/// panics as failures.
 pub trait Subject: Send {
-    /// Frames a second in real time.
+    /// Frames per second in real time.
     fn frame_rate(&self) -> f64;
 
-    /// What is seen now.
+    /// The visible state.
     fn shot(&mut self) -> Shot;
 
-    /// Computes the next frame; where that is long, it is given up when the session ends.
+    /// Computes the next frame; a long computation stops when the session ends.
     fn advance(&mut self, watch: Watch<'_>) -> Advanced;
 
-    /// Whether frames are wanted also while it is paused, for what was asked for shows only in them.
+    /// True if frames are necessary even in a pause, because a change shows only in them.
     fn wants_frames(&self) -> bool {
         false
     }
 
-    /// Does what it is told; a session itself does [`Command::Pause`], [`Command::Run`], [`Command::Step`] and
-    /// [`Command::Speed`], and passes nothing but [`Command::Reset`] on after a failure.
+    /// Executes a command. A session itself handles [`Command::Pause`], [`Command::Run`],
+    /// [`Command::Step`] and [`Command::Speed`], and passes only [`Command::Reset`] after a
+    /// failure.
     ///
     /// # Errors
-    /// Whatever cannot be done; everything is then as it was.
+    /// The command is impossible; the subject is unchanged.
     fn obey(&mut self, command: &Command) -> Result<(), Refused>;
 }

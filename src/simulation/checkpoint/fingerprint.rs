@@ -1,4 +1,4 @@
-//! What the state of a simulation depends on besides itself, part by part, so that a difference has a name.
+//! The inputs of a simulation's state as named hashes, so that a difference has a name.
 
 use crate::constraints::distance::Distance;
 use crate::encode::{Encode, Encoder, hash_of};
@@ -10,13 +10,13 @@ use crate::simulation::plan::MusclePlan;
 use crate::solvers::Held;
 use crate::state::{Corrupt, Hash, Reader, Value, Writer};
 
-/// Hashes of all that a simulation was made from: settings, motions, contents of meshes whatever their files are called,
-/// and what the plan foresaw. The number of frames is no part: a run may be made longer.
+/// Hashes of all inputs of a simulation: settings, motions, contents of meshes (not their file
+/// names), and the plan. The number of frames is not included: a run can become longer.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint(Vec<(String, u128)>);
 
 impl Fingerprint {
-    /// That of a simulation, at any of its frames.
+    /// The fingerprint of a simulation, equal at all its frames.
     #[must_use]
     pub fn of(simulation: &Simulation) -> Self {
         let mut print = Self::default();
@@ -27,11 +27,11 @@ impl Fingerprint {
             bones,
             capsules,
             muscles,
-            // It refuses, and changes nothing.
+            // Only a check; changes no result.
             most_held: _,
             effects,
             solver,
-            // Solver and settings are what came of it.
+            // Its results are the solver and the settings.
             accuracy: _,
             origin: _,
         } = &simulation.scene;
@@ -40,7 +40,7 @@ impl Fingerprint {
         print.add("`effects`".to_owned(), effects);
         print.add("`solver`".to_owned(), solver);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
-            // Surface and repair come out as the mesh.
+            // Surface and repair determine the mesh.
             let Bone {
                 name,
                 surface: _,
@@ -69,7 +69,7 @@ impl Fingerprint {
     fn muscle(&mut self, muscle: &Muscle, body: &Body, plan: &MusclePlan) {
         let Muscle {
             name,
-            // These come out as the mesh.
+            // These determine the mesh.
             surface: _,
             repair: _,
             edge_length: _,
@@ -82,7 +82,7 @@ impl Fingerprint {
         self.mesh(format!("the mesh of muscle `{name}`"), &body.rest);
         self.add(format!("the edges of muscle `{name}`"), &body.edges);
         self.add(format!("the material of muscle `{name}`"), material);
-        // Patches come out as the vertices that are held.
+        // Patches determine the attached vertices.
         let mut bones = Vec::new();
         for Attachment {
             bone,
@@ -107,7 +107,7 @@ impl Fingerprint {
             format!("the displacements of muscle `{name}`"),
             displacements,
         );
-        // What is fixed shows as inverse masses, a shape at rest as itself.
+        // Fixed vertices determine inverse masses; the rest shape is included as a mesh.
         let MusclePlan {
             effects,
             obstacles,
@@ -144,7 +144,7 @@ impl Fingerprint {
         self.0.push((name, hash.value()));
     }
 
-    /// Names of the parts that are in one of both only, or another in each.
+    /// Names of the parts that are only in one of both, or differ.
     #[must_use]
     pub fn differs_from(&self, other: &Self) -> Vec<String> {
         let missing = |these: &Self, those: &Self| -> Vec<String> {

@@ -6,20 +6,20 @@ use crate::scene::content::{LatticeScene, SkinScene, Under};
 use crate::simulation::skin::Part;
 use crate::springs::lattice::Shape;
 
-/// Milliseconds that a spring of skin takes in an equilibrium, all included, over an implant and over a ball, as the built-in
-/// scenes took them on two cores: for estimates only.
+/// Time of a skin spring in an equilibrium over an implant and over a ball [ms], all included, as
+/// measured on the built-in scenes with two cores; for estimates only.
 const MS_OF_SKIN: f64 = 0.1;
 const MS_OVER_BALL: f64 = 0.012;
 
-/// Nanoseconds that a point of a lattice takes in a step.
+/// Time of a lattice point per step [ns].
 const NS_OF_LATTICE: f64 = 100.0;
 
-/// Bytes of a spring with its stiffness, and of a vertex that may touch.
+/// Size of a spring with its stiffness, and of a vertex with possible contact [bytes].
 const SPRING: usize = 32;
 const TOUCH: usize = 120;
 
 impl Plan {
-    /// What runs in a scene of skin.
+    /// The plan of a skin scene.
     pub fn of_skin(scene: &SkinScene, parts: &[Part], obstacles: &[TriangleMesh]) -> Self {
         let mut plan = Self::default();
         for part in parts {
@@ -106,7 +106,7 @@ impl Plan {
         }
     }
 
-    /// What runs in a scene of a lattice, in so many steps a frame.
+    /// The plan of a lattice scene with `steps` steps per frame.
     pub fn of_lattice(scene: &LatticeScene, shape: &Shape, steps: u32) -> Self {
         let (springs, points) = (scene.neighbours.springs(scene.points), shape.count());
         let top = scene.points[0] * scene.points[1];

@@ -1,4 +1,4 @@
-//! What is seen of muscles that run.
+//! The visible state of running muscles.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use pliant::scene::Joint;
 use pliant::simulation::measures::strain_at_vertices;
 use pliant::simulation::{Body, Simulation};
 
-/// What stays the same of a simulation.
+/// The constant data of a simulation.
 pub(super) fn stage(simulation: &Simulation) -> Stage {
     let muscle = |body: &Body| StageBody {
         name: body.name.clone(),
@@ -114,7 +114,7 @@ impl Muscles {
         all
     }
 
-    /// What is to be told of the accuracy that was wished.
+    /// The message about the requested accuracy.
     fn said(&self) -> Option<String> {
         match &self.wish {
             Some(wish) => Some(format!("choosing solver and settings, {}", wish.part())),
@@ -122,7 +122,7 @@ impl Muscles {
         }
     }
 
-    /// What is known of a vertex.
+    /// Measures of a vertex.
     fn probed(&self, body: usize, vertex: usize, shot: &BodyShot) -> Probe {
         let system = &self.simulation.bodies[body].system;
         let mut values = vec![
@@ -171,7 +171,7 @@ fn body_shot(simulation: &Simulation, m: usize) -> BodyShot {
     }
 }
 
-/// Depth of each free vertex in the obstacles that its muscle is kept out of [m].
+/// Depth of each free vertex in the obstacles of its muscle [m].
 fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
     let x = &body.system.particles.position;
     let mut depths = vec![0.0; x.len()];
@@ -185,7 +185,7 @@ fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
         let (bounds, back) = (placed.obstacle.bounding_box(), placed.now.inverse());
         for v in contacts.near(o).map(|v| v as usize) {
             let local = back * x[v];
-            // What is outside of the box is outside of the bone.
+            // A point outside the box is outside the bone.
             if !(0..3).all(|k| bounds.min[k] <= local[k] && local[k] <= bounds.max[k]) {
                 continue;
             }
@@ -201,7 +201,7 @@ fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
     depths
 }
 
-/// Seconds of each effect so far, over all muscles.
+/// Time of each effect so far, over all muscles [s].
 pub(super) fn seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
     let mut all = BTreeMap::new();
     for (name, (s, _)) in simulation
@@ -217,7 +217,7 @@ pub(super) fn seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
 /// The angle [rad] of a pose about the axis of a joint, in -pi..pi.
 pub(super) fn angle(joint: &Joint, pose: &Isometry3<f64>) -> f64 {
     let q = pose.rotation.quaternion();
-    // Of the two quaternions of a rotation, the one of the shorter way.
+    // The quaternion of the shorter rotation.
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w)
 }

@@ -1,4 +1,4 @@
-//! An accuracy that somebody wishes for: solver and settings are chosen by a study in a thread of its own.
+//! Search for the settings of a requested accuracy: a study in its own thread.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
@@ -9,10 +9,10 @@ use pliant::accuracy::{self, Chosen, Watch};
 use pliant::scene::{Accuracy, Scene};
 use pliant::simulation::Assets;
 
-/// A study takes at most about so long.
+/// Approximate greatest time of a study.
 const BUDGET: Duration = Duration::from_secs(20);
 
-/// What the study is at, heard and stopped from outside.
+/// Progress of the study, readable and cancellable from outside.
 #[derive(Clone, Debug, Default)]
 struct Heard {
     stop: Arc<AtomicBool>,
@@ -29,7 +29,7 @@ impl Watch for Heard {
     }
 }
 
-/// A study that runs. Dropping it stops it, without waiting.
+/// A running study. Dropping it cancels it without waiting.
 #[derive(Debug)]
 pub(super) struct Wish {
     heard: Heard,
@@ -37,10 +37,10 @@ pub(super) struct Wish {
 }
 
 impl Wish {
-    /// Begins to choose.
+    /// Starts the search.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system could not start a thread.
     pub(super) fn new(scene: &Scene, assets: &Assets, accuracy: Accuracy) -> std::io::Result<Self> {
         let (scene, assets, heard) = (scene.clone(), assets.clone(), Heard::default());
         let (tell, found) = channel();
@@ -51,13 +51,13 @@ impl Wish {
                 let threads = rayon::current_num_threads();
                 let chosen =
                     accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &mut watch);
-                // Nobody may want it any more.
+                // The receiver may be gone.
                 let _ = tell.send(chosen.map_err(|error| error.to_string()));
             })?;
         Ok(Self { heard, found })
     }
 
-    /// What the study is at.
+    /// The present part of the study.
     pub(super) fn part(&self) -> String {
         self.heard
             .part
@@ -66,7 +66,7 @@ impl Wish {
             .clone()
     }
 
-    /// What was chosen, if it is within `longest`.
+    /// The result, if available within `longest`.
     pub(super) fn wait(&self, longest: Duration) -> Option<Result<Chosen, String>> {
         match self.found.recv_timeout(longest) {
             Ok(found) => Some(found),
@@ -89,7 +89,7 @@ pub(super) fn changes(chosen: &Chosen) -> Vec<(String, String)> {
     let name = chosen.candidate.name();
     let mut all = vec![("solver".to_owned(), name.to_owned())];
     for (key, value) in chosen.candidate.settings() {
-        // What is no setting of the solver is one of the study's.
+        // Other keys are settings of the study, not of the solver.
         if !["contact", "lanes", "threads"].contains(&key.as_str()) {
             let value = value
                 .as_str()

@@ -1,4 +1,4 @@
-//! The pictures of a film, small and compressed.
+//! The pictures of a film, scaled and compressed.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use miniz_oxide::inflate::decompress_to_vec_with_limit;
 use super::{MOST_WIDTH, PERIOD};
 use pliant_render::{Film, Frame, PictureError};
 
-/// How hard pictures are compressed: the least, for the thread has to keep up.
+/// Compression level: the lowest, since the thread must keep up.
 const LEVEL: u8 = 1;
 
-/// Pictures that were kept.
+/// Stored pictures.
 #[derive(Debug, Default)]
 pub(super) struct Kept {
     size: [usize; 2],
@@ -20,7 +20,7 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// Keeps a picture that was taken at a time; its bytes fit its size.
+    /// Stores a picture with its time; its bytes match its size.
     pub fn add(&mut self, size: [usize; 2], rgb: &[u8], at: Duration) {
         if self.pictures.is_empty() {
             self.size = within(size, [MOST_WIDTH, usize::MAX]);
@@ -30,12 +30,12 @@ impl Kept {
         self.pictures.push((packed, at));
     }
 
-    /// How many.
+    /// Number of pictures.
     pub fn len(&self) -> usize {
         self.pictures.len()
     }
 
-    /// What they take [bytes].
+    /// Total size [bytes].
     pub fn bytes(&self) -> usize {
         self.bytes
     }
@@ -59,7 +59,7 @@ impl Film for Kept {
         })
     }
 
-    /// As it was taken, in hundredths of a second that do not add up to another time.
+    /// Display time, in hundredths of a second without accumulated rounding.
     fn seconds(&self, k: usize) -> f64 {
         let hundredths = |k: usize| {
             self.pictures
@@ -73,7 +73,7 @@ impl Film for Kept {
     }
 }
 
-/// The largest size of this shape within another.
+/// The largest size with this aspect ratio within another size.
 fn within([width, height]: [usize; 2], [most_width, most_height]: [usize; 2]) -> [usize; 2] {
     if width <= most_width && height <= most_height {
         return [width, height];
@@ -84,9 +84,9 @@ fn within([width, height]: [usize; 2], [most_width, most_height]: [usize; 2]) ->
     [side(width, most_width), side(height, most_height)]
 }
 
-/// A picture in another size: as large as fits, in the middle, with bars in the colour of its corner.
+/// A picture in another size: as large as possible, centred, with bars in the colour of its corner.
 fn laid_out(rgb: &[u8], size: [usize; 2], onto: [usize; 2]) -> Vec<u8> {
-    // What is smaller than the film is made larger by whole shares, too.
+    // A picture smaller than the film is enlarged, too.
     let factor = [0, 1].map(|k| onto[k] as f64 / size[k] as f64);
     let larger = factor[0].min(factor[1]).max(1.0);
     let wanted = size.map(|side| (side as f64 * larger).round() as usize);
@@ -103,7 +103,7 @@ fn laid_out(rgb: &[u8], size: [usize; 2], onto: [usize; 2]) -> Vec<u8> {
     canvas
 }
 
-/// A picture in another size: each pixel is the mean of what it covers, exact but for its rounding to a byte.
+/// A picture in another size: each pixel is the mean of its area, exact up to rounding to a byte.
 fn scaled(rgb: &[u8], [w, h]: [usize; 2], [width, height]: [usize; 2]) -> Vec<u8> {
     if [w, h] == [width, height] {
         return rgb.to_vec();
@@ -133,8 +133,8 @@ fn scaled(rgb: &[u8], [w, h]: [usize; 2], [width, height]: [usize; 2]) -> Vec<u8
     out
 }
 
-/// Of each of `many` pixels in a line the `length` old ones that it covers, each with its share; shares of one add up to
-/// `length`.
+/// For each of `many` pixels in a line, the old ones (of `length`) in its area with their shares;
+/// the shares of one pixel add up to `length`.
 fn covered(length: usize, many: usize) -> Vec<Vec<(usize, u64)>> {
     let of = |k: usize| {
         let (begin, end) = (k * length, (k + 1) * length);
@@ -150,7 +150,7 @@ fn covered(length: usize, many: usize) -> Vec<Vec<(usize, u64)>> {
 mod tests {
     use super::*;
 
-    /// A picture of one channel's numbers, the same in all three.
+    /// A picture with equal values in all three channels.
     fn grey(values: &[u8]) -> Vec<u8> {
         values.iter().flat_map(|v| [*v; 3]).collect()
     }
@@ -165,11 +165,11 @@ mod tests {
             scaled(&grey(&[0, 100, 200, 100]), [2, 2], [1, 1]),
             grey(&[100])
         );
-        // Two thirds of one and a third of the other; rounded to the nearest.
+        // Two thirds of one and a third of the other, rounded to the nearest.
         assert_eq!(scaled(&grey(&[0, 30, 90]), [3, 1], [2, 1]), grey(&[10, 70]));
         assert_eq!(scaled(&grey(&[0, 90]), [2, 1], [3, 1]), grey(&[0, 45, 90]));
         assert_eq!(scaled(&[1, 2, 3, 3, 4, 5], [2, 1], [1, 1]), [2, 3, 4]);
-        // An even picture stays even, whatever the sizes; nothing is lost at an edge.
+        // A uniform picture stays uniform for any sizes; nothing is lost at an edge.
         for (size, other) in [([7, 5], [3, 2]), ([720, 3], [719, 2]), ([13, 1], [13, 4])] {
             assert_eq!(
                 scaled(&vec![217; 3 * size[0] * size[1]], size, other),

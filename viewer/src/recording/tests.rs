@@ -1,9 +1,9 @@
-//! Films and pictures come back as they were given; what cannot be written is told.
+//! Films and pictures keep their content; errors of writing are reported.
 
 use super::*;
 use pliant::testing::Scratch;
 
-/// A picture with a bar that is at `k`.
+/// A picture with a bar at position `k`.
 fn picture(width: usize, height: usize, k: usize) -> Vec<u8> {
     let colour = |x: usize| {
         if x / 4 == k {
@@ -157,7 +157,7 @@ fn pictures_come_twelve_and_a_half_times_a_second() {
             .all(|pair| (pair[1] - pair[0] - 0.08).abs() < 1.0 / 60.0 + 1e-9),
         "{taken:?}"
     );
-    // What comes late is not made up for.
+    // Late pictures are not repeated.
     let mut late = Recorder::start(&folder.join("b.gif")).expect("starts");
     let early = [0, 1000, 1010, 1030].map(|ms| {
         late.push_at(4, 4, &small, Duration::from_millis(ms))
@@ -229,7 +229,7 @@ fn push_all_from(recorder: &mut Recorder, (rgb, ms): &(Vec<u8>, u64)) {
 fn a_window_never_waits_and_what_is_dropped_is_counted() {
     let folder = Scratch::folder();
     let mut recorder = Recorder::start(&folder.join("a.png")).expect("starts");
-    // Each takes the thread longer than it takes to hand it over.
+    // The thread takes longer for each picture than its transfer.
     let large: Vec<u8> = (0..3 * 1600 * 1200u32)
         .map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8)
         .collect();
@@ -285,7 +285,7 @@ fn what_cannot_be_recorded_is_told() {
         "{nothing}"
     );
     assert!(!folder.join("c.gif").exists());
-    // A folder that goes while it records.
+    // A folder that disappears during the recording.
     let gone = folder.join("gone");
     fs::create_dir(&gone).expect("a folder");
     let mut recorder = Recorder::start(&gone.join("d.gif")).expect("starts");
@@ -306,7 +306,7 @@ fn a_full_disk_is_told() {
     let path = folder.join("a.gif");
     let mut recorder = Recorder::start(&path).expect("starts");
     push_all(&mut recorder, &[(picture(16, 4, 0), 0)], [16, 4]);
-    // What is written on the way to it goes to the device.
+    // The temporary file of the film is a link to the device.
     std::os::unix::fs::symlink("/dev/full", folder.join("a.gif.part")).expect("a link");
     let error = recorder
         .stop()

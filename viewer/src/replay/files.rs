@@ -1,4 +1,4 @@
-//! The files of a run as they are shown, read when they are wanted and kept as long as there is room.
+//! The displayed files of a run, read on demand and cached while there is memory.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::PathBuf;
@@ -11,21 +11,22 @@ use pliant::mesh::measures::Aabb;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::morph::register::{Motion, fit};
 
-/// Farthest that a vertex of a bone may lie from where its pose puts it, over the size of the bone.
+/// Greatest distance of a bone's vertex from its position in the pose, relative to the size of the
+/// bone.
 const RIGID: f64 = 1e-6;
 
-/// What the files of things that do not deform begin with.
+/// Prefixes of the file names of rigid bodies.
 const RIGID_NAMES: [&str; 2] = ["bone_", "obstacle_"];
 
-/// A ball that is pushed into skin.
+/// The name of a ball under skin.
 const BALL: &str = "ball";
 
-/// Whether files of a name are those of something that does not deform.
+/// True if a file name is that of a rigid body.
 pub(super) fn is_rigid(name: &str) -> bool {
     name == BALL || RIGID_NAMES.iter().any(|start| name.starts_with(start))
 }
 
-/// A name without what tells that it does not deform.
+/// A name without the prefix of rigid bodies.
 pub(super) fn plain_name(name: &str) -> &str {
     RIGID_NAMES
         .iter()
@@ -33,32 +34,32 @@ pub(super) fn plain_name(name: &str) -> &str {
         .unwrap_or(name)
 }
 
-/// What stays the same from frame to frame as long as a surface keeps its triangles.
+/// Data that are constant from frame to frame while a surface keeps its triangles.
 #[derive(Debug, PartialEq)]
 pub(super) struct Shape {
     pub triangles: Vec<[u32; 3]>,
     lines: Vec<Vec<u32>>,
-    /// Of triangles and lines.
+    /// Edges of triangles and lines.
     pub edges: Vec<[u32; 2]>,
-    /// Vertices that something holds.
+    /// Fixed vertices.
     pub held: Vec<u32>,
     pub origin: Origin,
 }
 
-/// Who writes such files.
+/// Writer of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Origin {
-    /// Runs of scenes: a muscle, skin, an implant, a lattice.
+    /// A run of a scene: a muscle, skin, an implant, a lattice.
     Scene,
-    /// A surface without numbers: a geometric muscle.
+    /// A surface without fields: a geometric muscle.
     Bare,
-    /// Lines without numbers: fibres.
+    /// Lines without fields: fibres.
     Lines,
-    /// Anything else.
+    /// Any other writer.
     Other,
 }
 
-/// Something that deforms, in one frame; a field that the file does not have is empty.
+/// A deformable body in one frame; a field missing in the file is empty.
 #[derive(Debug)]
 pub(super) struct Deformed {
     pub shape: Arc<Shape>,
@@ -68,22 +69,22 @@ pub(super) struct Deformed {
     pub speed: Vec<f64>,
 }
 
-/// What a file shows.
+/// Content of a file.
 #[derive(Debug)]
 pub(super) enum Shown {
-    /// A bone at a pose.
+    /// A bone with a pose.
     Bone {
         own: Arc<TriangleMesh>,
         pose: Isometry3<f64>,
     },
-    /// Something that deforms.
+    /// A deformable body.
     Body(Deformed),
 }
 
-/// What is known of a part from the files that were read.
+/// Data of a part from the files read so far.
 #[derive(Debug, Default)]
 struct Known {
-    /// The bone as it was first seen.
+    /// The bone in its first file.
     bone: Option<Arc<TriangleMesh>>,
     /// The last shape.
     shape: Option<Arc<Shape>>,
@@ -98,7 +99,7 @@ pub(super) struct Files {
 }
 
 impl Files {
-    /// Files in a folder, of so many parts; as many bytes of what they show are kept.
+    /// Files of `parts` parts in a folder; the cache contains up to `most` bytes.
     pub fn new(folder: PathBuf, parts: usize, most: usize) -> Self {
         let known = std::iter::repeat_with(Known::default).take(parts).collect();
         Self {
@@ -111,7 +112,7 @@ impl Files {
         }
     }
 
-    /// What a file shows of a part, both by their indices and names.
+    /// The content of a file for a part, both by index and name.
     pub fn get(
         &mut self,
         (part, name): (usize, &str),
@@ -129,11 +130,11 @@ impl Files {
 }
 
 impl Known {
-    /// What a file shows, and about how many bytes that takes.
+    /// The content of a file, with its approximate size in memory.
     fn shown(&mut self, is_rigid: bool, file: MeshFile, data: &[PointData]) -> (Shown, usize) {
         let MeshFile { mesh, lines, .. } = file;
         if is_rigid && data.is_empty() && lines.is_empty() {
-            // The first is kept as long as the run is.
+            // The first file stays in memory during the whole session.
             let own = self
                 .bone
                 .get_or_insert_with(|| Arc::new(mesh.clone()))
@@ -160,7 +161,7 @@ impl Known {
         )
     }
 
-    /// The last shape where it still is the same, else a new one.
+    /// The last shape if it is still the same, otherwise a new one.
     fn shape_of(
         &mut self,
         mesh: &TriangleMesh,
@@ -207,14 +208,14 @@ impl Shape {
     }
 }
 
-/// Numbers of a name, one a vertex.
+/// The field with a name, one number per vertex.
 fn values<'a>(data: &'a [PointData], name: &str) -> Option<&'a [f64]> {
     data.iter()
         .find(|d| d.name == name && d.components == 1)
         .map(|d| d.values.as_slice())
 }
 
-/// Edges of triangles and pieces of lines, each once.
+/// Edges of triangles and segments of lines, each once.
 fn edges(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<[u32; 2]> {
     let mut edges = Topology::new(mesh).edges;
     let sorted = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
@@ -235,7 +236,7 @@ fn edges(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<[u32; 2]> {
     edges
 }
 
-/// The pose that takes a bone to where it is seen; `None` where it was bent, or is another one.
+/// The pose of a bone from its vertices; `None` if it was deformed or is another bone.
 fn pose_of(own: &TriangleMesh, seen: &TriangleMesh) -> Option<Isometry3<f64>> {
     if own == seen {
         return Some(Isometry3::identity());
@@ -259,7 +260,7 @@ fn pose_of(own: &TriangleMesh, seen: &TriangleMesh) -> Option<Isometry3<f64>> {
     is_there.then_some(pose)
 }
 
-/// What was read, of which the longest unused goes first.
+/// A cache of files; the least recently used is removed first.
 #[derive(Debug, Default)]
 struct Cache {
     most: usize,
@@ -284,7 +285,7 @@ impl Cache {
         self.bytes += bytes;
         self.by_use.insert(self.clock, key);
         self.kept.insert(key, (shown, bytes, self.clock));
-        // What is larger than all room together is kept by whoever shows it.
+        // A file larger than the whole cache is kept only by its display.
         while self.bytes > self.most
             && let Some((_, oldest)) = self.by_use.pop_first()
         {
@@ -332,7 +333,7 @@ mod tests {
         let mut other = there.clone();
         other.triangles.swap(0, 1);
         assert_eq!(pose_of(&mesh, &other), None);
-        // Points in one place have no size that an error could be a share of.
+        // Coincident points have no size as the scale of an error.
         let point = |x: f64| moved(&mesh, |_| Point3::new(x, 0.0, 0.0));
         assert_eq!(pose_of(&point(0.0), &point(1.0)), None);
     }

@@ -1,39 +1,39 @@
-//! Which files show which frame of a run.
+//! The files of each frame of a run.
 
 use std::collections::HashMap;
 
 use pliant::io::pvd::Collection;
 use pliant::mesh::measures::median;
 
-/// Frames a second where the times of the frames make no film.
+/// Frames per second if the times of the frames are unsuitable.
 pub(super) const USUAL_RATE: f64 = 25.0;
 
-/// Rates that somebody can look at [1/s].
+/// Watchable frame rates [1/s].
 const RATES: std::ops::RangeInclusive<f64> = 5.0..=1000.0;
 
 /// A moment of the run.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Moment {
-    /// Its frame in the run.
+    /// Index of the frame in the run.
     pub frame: usize,
     /// Time [s].
     pub time: f64,
-    /// Part and file of each thing that is there, by their indices.
+    /// Part and file of each object, by their indices.
     pub shows: Vec<(usize, usize)>,
 }
 
-/// The frames of a run in their order, and what is in them.
+/// The frames of a run in order, with their contents.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Timeline {
-    /// Names of what is shown.
+    /// Names of the parts.
     pub parts: Vec<String>,
     /// Files, relative to the collection.
     pub files: Vec<String>,
-    /// Moments, by rising frame.
+    /// Moments, sorted by frame.
     pub moments: Vec<Moment>,
 }
 
-/// The index of a key, which is the next one for a new key.
+/// The index of a key; a new key gets the next index.
 fn index<K: std::hash::Hash + Eq>(of: &mut HashMap<K, usize>, key: K) -> (usize, bool) {
     let next = of.len();
     let index = *of.entry(key).or_insert(next);
@@ -59,7 +59,7 @@ impl Timeline {
             if is_new {
                 all.files.push(entry.file.clone());
             }
-            // Of the two zeros there is one moment.
+            // Both zeros are one moment.
             let (moment, is_new) = index(&mut times, (entry.time + 0.0).to_bits());
             if is_new {
                 all.moments.push(Moment {
@@ -74,7 +74,8 @@ impl Timeline {
         all
     }
 
-    /// Gives moments the numbers that their files have, where those rise: a file of what stood still since is older.
+    /// Sets the frame numbers of moments from their file names if these increase: the file of an
+    /// unchanged object is older.
     fn number(&mut self) {
         let latest = |moment: &Moment| {
             moment
@@ -92,7 +93,7 @@ impl Timeline {
         }
     }
 
-    /// Frames a second at which it is played, and whether that is how it was run.
+    /// Frames per second of the playback, and whether this is the frame rate of the run.
     pub fn rate(&self) -> (f64, bool) {
         let apart = self
             .moments
@@ -103,7 +104,7 @@ impl Timeline {
             .map_or((USUAL_RATE, false), |rate| (rate, true))
     }
 
-    /// The moment whose frame is nearest to a number, the earlier of two; `None` without moments.
+    /// The moment with the nearest frame number, the earlier of two; `None` without moments.
     pub fn nearest(&self, frame: usize) -> Option<usize> {
         let behind = self.moments.partition_point(|moment| moment.frame < frame);
         let around = [
@@ -117,7 +118,7 @@ impl Timeline {
     }
 }
 
-/// The number at the end of a file's name, as in `muscle_0012.vtp`.
+/// The number at the end of a file name, as in `muscle_0012.vtp`.
 fn numbered(file: &str) -> Option<usize> {
     let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
     stem.rsplit_once('_').and_then(|(_, digits)| {

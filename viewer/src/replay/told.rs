@@ -1,4 +1,4 @@
-//! What a run says of itself beside its frames: `measures.csv` and `summary.json`.
+//! Metadata of a run beside its frames: `measures.csv` and `summary.json`.
 
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
@@ -7,19 +7,19 @@ use std::path::Path;
 
 use serde_json::Value;
 
-/// The largest table or summary that is read [bytes].
+/// Greatest size of a table or summary [bytes].
 const MOST_BYTES: u64 = 1 << 28;
 
-/// Notes of the run that are passed on.
+/// Greatest number of notes from the run.
 const MOST_NOTES: usize = 50;
 
-/// What kind of scene was run.
+/// Kind of the scene.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) enum Kind {
-    /// Muscles, or nothing that is known.
+    /// Muscles, or unknown.
     #[default]
     Muscles,
-    /// Skin of a name over implants.
+    /// Skin with a name, over implants.
     Skin(String),
     /// A lattice.
     Lattice,
@@ -28,30 +28,30 @@ pub(super) enum Kind {
 /// Measures of one body in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Measured {
-    /// Which body, as an index into [`Told::bodies`].
+    /// Index of the body in [`Told::bodies`].
     pub body: usize,
-    /// Volume over its target, less 1.
+    /// Volume over its target, minus 1.
     pub volume_error: Option<f64>,
     /// Greatest depth [m].
     pub depth: Option<f64>,
 }
 
-/// All that is told.
+/// Metadata of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Told {
     pub kind: Kind,
-    /// Names of what the table measures.
+    /// Names of the bodies in the table.
     pub bodies: Vec<String>,
     /// Measures by frame.
     pub frames: HashMap<usize, Vec<Measured>>,
-    /// For people.
+    /// Notes for the user.
     pub notes: Vec<String>,
-    /// Muscles and the effects that they did without.
+    /// Muscles with the effects that did not run.
     left_out: HashSet<(String, String)>,
 }
 
 impl Told {
-    /// Reads what there is in a folder; what cannot be read is a note.
+    /// Reads the metadata in a folder; a file that cannot be read gives a note.
     pub fn read(folder: &Path) -> Self {
         let mut told = Self::default();
         match contents(&folder.join("summary.json")) {
@@ -117,7 +117,7 @@ impl Told {
         self.notes.extend(notes.take(MOST_NOTES).map(str::to_owned));
     }
 
-    /// Takes the columns that are known; a table without frames has none.
+    /// Reads the known columns; a table without frames has none.
     fn take_measures(&mut self, bytes: &[u8]) -> Result<(), String> {
         let mut table = csv::Reader::from_reader(bytes);
         let heads = table.headers().map_err(|e| e.to_string())?.clone();
@@ -144,7 +144,7 @@ impl Told {
                 }
             }
             let name = body.map_or("", word);
-            // The table has zeros where nobody looked.
+            // The table has zeros for values without a measurement.
             let [volume_error, depth] = [("volume", read[0]), ("contact", read[1])]
                 .map(|(effect, value)| value.filter(|_| !self.does_without(name, effect)));
             let body = self.body(name);
@@ -158,7 +158,7 @@ impl Told {
     }
 
     fn does_without(&self, muscle: &str, effect: &str) -> bool {
-        // What concerns all has no name.
+        // Notes on all muscles have no name.
         ["", muscle].iter().any(|name| {
             self.left_out
                 .contains(&((*name).to_owned(), effect.to_owned()))
@@ -176,7 +176,7 @@ impl Told {
     }
 }
 
-/// The bytes of a file; `None` where there is none.
+/// The bytes of a file; `None` if it does not exist.
 fn contents(path: &Path) -> Result<Option<Vec<u8>>, String> {
     let file = match File::open(path) {
         Ok(file) => file,
@@ -231,7 +231,7 @@ mod tests {
             },
             "none was kept"
         );
-        // Other commands write tables of other things.
+        // Other commands write other tables.
         for other in ["step,time_s\n1,2\n", "frame,moved_m\n1,2\n", ""] {
             let (told, result) = measures(other);
             assert_eq!(

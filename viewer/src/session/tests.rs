@@ -1,4 +1,4 @@
-//! What only a simulation that misbehaves shows.
+//! Behaviour with a faulty simulation.
 
 use super::super::Recipe;
 use super::super::muscles::Muscles;

@@ -1,4 +1,4 @@
-//! The thread of a session: obeys commands between frames, computes frames, publishes.
+//! The thread of a session: executes commands between frames, computes frames, publishes snapshots.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -12,10 +12,10 @@ use super::super::snapshot::Snapshot;
 use super::super::subject::{Advanced, Subject, Watch};
 use super::{Command, Pace, Speed};
 
-/// Frames over which their rate is taken.
+/// Number of frames in the mean frame rate.
 const RATED: usize = 30;
 
-/// A frame is waited for at most so long [s].
+/// Greatest waiting time before a frame.
 const LONGEST_WAIT: Duration = Duration::from_secs(3600);
 
 pub(super) struct Worker {
@@ -29,7 +29,7 @@ pub(super) struct Worker {
     failed: Option<String>,
     frame_ms: f64,
     ends: VecDeque<Instant>,
-    /// When the next frame is due.
+    /// Time of the next frame.
     due: Instant,
 }
 
@@ -54,7 +54,7 @@ impl Worker {
         }
     }
 
-    /// Until nobody can send commands any more.
+    /// Runs until all senders are gone.
     pub(super) fn run(mut self, commands: &Receiver<(u64, Command)>, publish: impl Fn(Snapshot)) {
         loop {
             let first = if self.wants_frames() {
@@ -76,7 +76,8 @@ impl Worker {
                 self.obey_all(&batch);
                 publish(self.snapshot());
             }
-            // Also after commands, so that a hand that never rests does not hold up the frames.
+            // Also after commands, so that a continuous motion of the pointer does not delay the
+            // frames.
             if self.wants_frames() || self.pace.running && Instant::now() >= self.due {
                 self.advance();
                 publish(self.snapshot());
@@ -91,10 +92,10 @@ impl Worker {
 
     fn obey_all(&mut self, batch: &[(u64, Command)]) {
         for (k, (number, command)) in batch.iter().enumerate() {
-            // Of a slider or handle that moved while a frame was computed only the last place counts.
+            // Only the last position of a slider or handle that moved during a frame counts.
             let next = batch.get(k + 1).map(|(_, next)| next);
             let is_overtaken = next.is_some_and(|next| overtakes(next, command));
-            // Before: a step must not take the command that asks for it for another one.
+            // Before the execution: a step must not take its own command for another one.
             self.answered = *number;
             if !is_overtaken && let Err(refused) = self.obey(command) {
                 self.refused = Some((*number, refused.to_string()));
@@ -165,7 +166,7 @@ impl Worker {
                 self.pace.running = false;
                 return;
             }
-            // It is begun again once the command is obeyed.
+            // The frame restarts after the command.
             Advanced::GivenUp => return,
             Advanced::Refused(why) => {
                 self.refused = Some((self.answered, why));
@@ -186,7 +187,7 @@ impl Worker {
             }
             Speed::Free => Ok(Duration::ZERO),
         };
-        // What is late is not made up for.
+        // Late frames are not repeated.
         self.due = (self.due + period.unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT)).max(ended);
     }
 
@@ -212,7 +213,7 @@ impl Worker {
     }
 }
 
-/// Whether a command leaves nothing of the one before it.
+/// True if a command replaces the previous one.
 fn overtakes(next: &Command, before: &Command) -> bool {
     match (before, next) {
         (Command::Set { path, .. }, Command::Set { path: later, .. }) => path == later,

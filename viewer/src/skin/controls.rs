@@ -1,4 +1,4 @@
-//! What of skin and implants can be changed.
+//! The controls of skin and implants.
 
 use super::implants;
 use super::shots::Spot;
@@ -9,20 +9,20 @@ use pliant::scene::units::{Dimension, parse};
 use pliant::simulation::skin::SkinRun;
 use pliant::skin::Shape;
 
-/// Of so many fillings at most each has a control; of more only the last.
+/// Greatest number of fillings with a control each; beyond it only the last has one.
 const FILLINGS: usize = 8;
 
-/// A slider ends so much below the largest volume, that its own end is none that bulges too far.
+/// Upper end of a volume slider relative to the largest volume, so that the end is valid.
 const FULL: f64 = 0.999;
 
-/// What sliders range about: the scene as it was started.
+/// Ranges of sliders, from the scene at the start.
 pub(super) struct Ranges {
     start: SkinScene,
-    /// Whether an implant is filled by a list.
+    /// True for each implant with a list of fillings.
     filled: Vec<bool>,
 }
 
-/// The implant that a path would turn: `implant.K.turn`.
+/// The index of the implant of a path `implant.K.turn`.
 pub(super) fn turned(path: &str) -> Option<usize> {
     path.strip_prefix("implant.")?
         .strip_suffix(".turn")?
@@ -30,7 +30,7 @@ pub(super) fn turned(path: &str) -> Option<usize> {
         .ok()
 }
 
-/// The angle that a turn is written as [degrees].
+/// The angle of a rotation as written [degrees].
 pub(super) fn degrees(path: &str, value: &str) -> Result<f64, Refused> {
     let wanted = || Refused::Value {
         path: path.to_owned(),
@@ -44,7 +44,7 @@ pub(super) fn degrees(path: &str, value: &str) -> Result<f64, Refused> {
 
 impl Ranges {
     pub fn of(recipe: &Recipe, scene: &SkinScene) -> Self {
-        // Only the text knows which way a volume was written.
+        // Only the text contains the form of a volume.
         let by_list = |k: usize| {
             recipe
                 .with(&format!("implant.{k}.fill.0.volume"), "1 cc")
@@ -158,7 +158,7 @@ impl Ranges {
         }
     }
 
-    /// What all skin is made of.
+    /// Controls of the material of all skin.
     fn skin(&self, list: &mut List, now: &SkinScene) {
         let order = |scene: &SkinScene| match &scene.under {
             Under::Implants(all) => all.first().map(|filled| filled.order.clone()),

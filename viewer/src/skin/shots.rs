@@ -1,4 +1,4 @@
-//! What is seen of skin over implants.
+//! The visible state of skin over implants.
 
 use std::sync::Arc;
 
@@ -18,20 +18,20 @@ use pliant::skin::Areas;
 use pliant::skin::areas::CAVEATS;
 use pliant::skin::region::frame;
 
-/// Halvings of the icosahedron that a ball is shown as.
+/// Subdivisions of the icosahedron that displays a ball.
 const BALL: u32 = 3;
 
-/// A point of a skin, wherever its triangle goes, and the frame of an implant there.
+/// A point on a triangle of the skin, and the frame of an implant there.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Spot {
     corners: [u32; 3],
     weights: [f64; 3],
-    /// z out of the body.
+    /// Frame with z out of the body.
     pub frame: Isometry3<f64>,
 }
 
 impl Spot {
-    /// A point on a triangle.
+    /// Creates a point on a triangle.
     pub fn new(x: &[Point3<f64>], triangles: &[[u32; 3]], triangle: u32, p: &Point3<f64>) -> Self {
         let corners = triangles[triangle as usize];
         let [a, b, c] = corners.map(|v| x[v as usize]);
@@ -40,7 +40,7 @@ impl Spot {
             (q - p).cross(&(r - p)).dot(&across) / across.norm_squared()
         };
         let weights = [share(&b, &c), share(&c, &a), share(&a, &b)];
-        // A triangle without an area is a point as good as any.
+        // A triangle without area is represented by any of its points.
         let weights = if weights.iter().all(|w| w.is_finite()) {
             weights
         } else {
@@ -53,7 +53,7 @@ impl Spot {
         }
     }
 
-    /// Where it is at other positions.
+    /// The point for other positions.
     pub fn at(&self, x: &[Point3<f64>]) -> Point3<f64> {
         let each = self.corners.iter().zip(&self.weights);
         Point3::from(
@@ -68,12 +68,12 @@ impl Spot {
         (b - a).cross(&(c - a))
     }
 
-    /// The direction along the skin at an angle from the one that is taken where none is given.
+    /// The direction along the skin at an angle from the default direction.
     pub fn along(&self, angle: f64) -> Vector3<f64> {
         direction(&self.plain(), angle)
     }
 
-    /// The angle of the direction along the skin that an implant has.
+    /// The angle of an implant's direction along the skin.
     pub fn angle(&self) -> f64 {
         let x = self.plain().inverse() * (self.frame * Vector3::x());
         libm::atan2(x.y, x.x)
@@ -97,7 +97,7 @@ fn places(run: &SkinRun) -> Vec<(&Part, usize)> {
     all.into_iter().map(|(_, part, s)| (part, s)).collect()
 }
 
-/// Where each implant is on the whole skin.
+/// The point of each implant on the whole skin.
 pub(super) fn spots(run: &SkinRun) -> Vec<Spot> {
     let skin = &run.whole;
     let tree = pliant::mesh::closest::SurfaceTree::new(&skin.vertices, &skin.triangles);
@@ -118,12 +118,12 @@ pub(super) fn spots(run: &SkinRun) -> Vec<Spot> {
     places(run).into_iter().filter_map(spot).collect()
 }
 
-/// The shell of each implant filled as in a frame, before anything gives way; in frame 0 as they are.
+/// The undeformed shell of each implant with the volume of a frame; in frame 0 the initial one.
 pub(super) fn domes(run: &SkinRun, at: usize) -> Vec<TriangleMesh> {
     let all = implants(&run.scene);
     let of_part = |part: &Part| {
         let volumes: Vec<f64> = part.members.iter().map(|k| all[*k].volume_at(at)).collect();
-        // Volumes for which there is none were refused.
+        // Volumes without a shell were rejected.
         part.ready
             .domes(&volumes)
             .unwrap_or_else(|_| part.shells.clone())
@@ -141,7 +141,7 @@ pub(super) fn domes(run: &SkinRun, at: usize) -> Vec<TriangleMesh> {
     made.into_iter().map(|(_, dome)| dome).collect()
 }
 
-/// What stays the same of a run, and the edges of its skin with their lengths at rest.
+/// The constant data of a run, and the edges of its skin with their rest lengths.
 pub(super) fn stage(run: &SkinRun) -> (Arc<Stage>, Vec<Distance>) {
     let topology = Topology::new(&run.whole);
     let lengths = topology.edge_lengths(&run.whole);
@@ -198,7 +198,7 @@ pub(super) fn stage(run: &SkinRun) -> (Arc<Stage>, Vec<Distance>) {
 }
 
 impl Skin {
-    /// Positions of the skin and of each shell, and the frame that they are of.
+    /// Positions of the skin and of each shell, with their frame.
     pub(super) fn seen(&self) -> (Vec<Vec<Point3<f64>>>, usize) {
         let run = &self.run;
         let mut all = Vec::new();
@@ -282,7 +282,7 @@ impl Skin {
         }
     }
 
-    /// Areas of all skin over implants, volume and pressure of each.
+    /// Areas of all skin over implants, volume and pressure of each implant.
     fn readings(&self, frame: usize) -> Vec<Reading> {
         let run = &self.run;
         let found = |part: &Part| {

@@ -1,4 +1,4 @@
-//! Pictures and recordings of what the window shows, without the panel.
+//! Pictures and recordings of the window without the panel.
 
 use std::path::{Path, PathBuf};
 
@@ -8,20 +8,20 @@ use crate::recording::{
     Pushed, Recorded, Recorder, Recording, RecordingError, free_name, save_png,
 };
 
-/// What is recorded or written.
+/// The present recording and the written files.
 pub struct Capture {
     folder: PathBuf,
     name: String,
     film: Option<Recorder>,
     writing: Option<Recording>,
-    /// Whether a picture is on its way from the graphics card.
+    /// True while a picture is read from the graphics card.
     is_read: bool,
-    /// A picture is wanted of what is rendered next.
+    /// True if the next rendered picture is saved.
     is_wanted: bool,
 }
 
 impl Capture {
-    /// Pictures go into `folder`, called after `name`.
+    /// Saves pictures in `folder` with names based on `name`.
     pub fn new(folder: &Path, name: &str) -> Self {
         let (folder, name) = (folder.to_owned(), name.to_owned());
         Self {
@@ -34,27 +34,27 @@ impl Capture {
         }
     }
 
-    /// Whether a film is being recorded.
+    /// True during the recording of a film.
     pub fn is_recording(&self) -> bool {
         self.film.is_some()
     }
 
-    /// Whether what lies over the scene is to be left out of what is rendered next.
+    /// True if overlays are left out of the next rendered picture.
     pub fn is_taking(&self) -> bool {
         self.is_wanted || self.film.is_some()
     }
 
-    /// Whether what is rendered next is kept as a picture.
+    /// True if the next rendered picture is saved.
     pub fn is_picture_wanted(&self) -> bool {
         self.is_wanted
     }
 
-    /// A picture of what is rendered next.
+    /// Saves the next rendered picture.
     pub fn picture(&mut self) {
         self.is_wanted = true;
     }
 
-    /// Begins a film, or ends it; what there is to be said.
+    /// Starts or ends a film. Returns a message.
     pub fn record(&mut self) -> String {
         if let Some(film) = self.film.take() {
             let text = format!("writing {}", film.path().display());
@@ -83,11 +83,12 @@ impl Capture {
         free_name(&self.folder, &self.name, ending)
     }
 
-    /// Called after each picture, of which the left `width` pixels are the scene; what there is to be said.
+    /// To be called after each picture, of which the left `width` pixels are the scene. Returns a
+    /// message, if any.
     pub fn rendered(&mut self, window: &Window, width: usize) -> Option<String> {
         let mut said = None;
         if self.is_read {
-            // What was begun after the last picture is there by now.
+            // A read that started after the last picture is complete by now.
             self.is_read = false;
             if let Some(image) = window.snap_finish() {
                 said = self.push(
@@ -115,7 +116,7 @@ impl Capture {
         let film = self.film.as_mut()?;
         let (width, rgb) = left(width, rgb, wanted);
         match film.push(width, height, &rgb) {
-            // It ends by itself.
+            // The film ends at its greatest length.
             Ok(Pushed::Full) => Some(self.record()),
             Ok(_) => None,
             Err(error) => {
@@ -125,7 +126,7 @@ impl Capture {
         }
     }
 
-    /// What became of a film that was stopped.
+    /// The result of a stopped film.
     fn written(&mut self) -> Option<String> {
         let said = match self.writing.as_mut()?.poll()? {
             Ok(film) => in_words(film),
@@ -143,7 +144,7 @@ impl Capture {
         Ok(format!("wrote {}", path.display()))
     }
 
-    /// Ends a film and waits until it is written: the window closes.
+    /// Ends a film and waits until it is written, when the window closes.
     pub fn close(mut self) -> Option<String> {
         if self.film.is_some() {
             self.record();

@@ -1,4 +1,4 @@
-//! What of a snapshot the graphics card gets: surfaces coloured by a field, bones, lines and points.
+//! Data for the graphics card: surfaces coloured by a field, bones, lines and points.
 
 use std::sync::Arc;
 
@@ -19,14 +19,14 @@ use pliant_render::{ColourMap, Frame};
 /// Steps of a colour map in its texture.
 const STEPS: usize = 256;
 
-/// Colours of points: where bones hold, where something touches, what was fixed, what is dragged, what was picked.
+/// Colours of points: attached, in contact, fixed, dragged, picked.
 const HELD: Rgb = [0.25, 0.55, 0.95];
 const TOUCHING: Rgb = [1.0, 0.55, 0.1];
 const FIXED: Rgb = [0.95, 0.2, 0.9];
 const DRAGGED: Rgb = [1.0, 1.0, 0.2];
 const PICKED: Rgb = [0.95, 0.1, 0.1];
 
-/// What is shown and how.
+/// Visible objects and their style.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Look {
     /// Opacity of bones, 0 to 1.
@@ -37,11 +37,11 @@ pub struct Look {
     pub wireframe: bool,
     /// Fibres; bodies are then translucent.
     pub fibres: bool,
-    /// Vertices that bones hold.
+    /// Attached vertices.
     pub attachments: bool,
-    /// Vertices that touch.
+    /// Vertices in contact.
     pub contacts: bool,
-    /// Where the light comes from: turned to the right and up from the eye [rad].
+    /// Direction of the light, rotated to the right and up from the eye [rad].
     pub light: (f64, f64),
 }
 
@@ -84,13 +84,13 @@ fn quaternion(q: &UnitQuaternion<f64>) -> Quat {
     Quat::from_xyzw(q.i as f32, q.j as f32, q.k as f32, q.w as f32)
 }
 
-/// A colour of the screen as light, which is what the card computes with.
+/// A screen colour as linear light, the space of the graphics card.
 pub fn ink(colour: Rgb, opacity: f32) -> Color {
     let [r, g, b] = colour.map(linear);
     Color::new(r, g, b, opacity)
 }
 
-/// A component of sRGB as light (IEC 61966-2-1).
+/// A component of sRGB as linear light (IEC 61966-2-1).
 fn linear(c: f32) -> f32 {
     let c = f64::from(c);
     let light = if c <= 0.04045 {
@@ -117,7 +117,7 @@ impl Drawn {
         }
     }
 
-    /// Puts up what cannot be seen, of each kind that will be drawn: drivers make ready for a kind when they first meet it.
+    /// Adds invisible objects of each kind: drivers prepare a kind on its first use.
     pub fn rehearse(&mut self) {
         let point = vec![Vec3::ZERO; 3];
         for opacity in [1.0, 0.5] {
@@ -130,12 +130,12 @@ impl Drawn {
             } else {
                 AlphaMode::Opaque
             });
-            // They go with the first stage.
+            // The first stage removes them.
             self.bodies.push(node);
         }
     }
 
-    /// As [`Self::rehearse`], of lines and points.
+    /// The same as [`Self::rehearse`] for lines and points.
     pub fn rehearse_lines(window: &mut Window) {
         let nothing = ink(colour::BONE, 0.0);
         window.draw_polyline(
@@ -146,12 +146,12 @@ impl Drawn {
         window.draw_point(Vec3::ZERO, nothing, 0.0);
     }
 
-    /// What is to be rendered.
+    /// The root node for rendering.
     pub fn root(&mut self) -> &mut SceneNode3d {
         &mut self.root
     }
 
-    /// Makes the nodes of another stage.
+    /// Creates the nodes of another stage.
     fn set(&mut self, stage: &Arc<Stage>) {
         self.bodies
             .iter_mut()
@@ -177,7 +177,7 @@ impl Drawn {
             let vertices = mesh.vertices.iter().map(vec3).collect();
             let mut node = self.add(vertices, mesh.triangles.clone(), Some(normals(mesh)), None);
             node.set_color(ink(colour::BONE, 1.0));
-            // Of what is translucent the far side would be seen as well, at twice the cost.
+            // The far side of a translucent body would also be visible, at twice the cost.
             node.enable_backface_culling(is_solid(mesh));
             self.bones.push(node);
         }
@@ -201,7 +201,7 @@ impl Drawn {
         node
     }
 
-    /// Brings the nodes to a shot, if it is another one than before or `afresh` says so.
+    /// Updates the nodes to a shot if it is new or `afresh` is true.
     pub fn update(&mut self, shot: &Shot, serial: u64, colouring: &Colouring, afresh: bool) {
         let other_stage = !Arc::ptr_eq(&shot.stage, &self.stage);
         if other_stage {
@@ -285,7 +285,7 @@ impl Drawn {
                 Tissue::Implant => [0.55, 0.75, 0.95],
                 Tissue::Plain => [0.7, 0.7, 0.75],
             };
-            // A texture is multiplied by the colour.
+            // The colour multiplies the texture.
             let tint = if has_field { [1.0; 3] } else { plain };
             node.set_texture(if has_field {
                 self.map.clone()
@@ -314,7 +314,7 @@ impl Drawn {
         }
     }
 
-    /// Lines and points, which are drawn anew for each picture.
+    /// Draws lines and points, which are new for each picture.
     pub fn overlay(&self, window: &mut Window, shot: &Shot, look: &Look) {
         for (body, stage) in shot.bodies.iter().zip(&shot.stage.bodies) {
             let x = |v: &u32| body.positions.get(*v as usize).map(vec3);
@@ -363,12 +363,12 @@ impl Drawn {
 /// Strength of the light.
 const LIGHT: f32 = 2.6;
 
-/// Where in the map the values of a body are; nothing where it has no such field.
+/// Texture coordinates of a body's values; empty without the field.
 fn places(body: &BodyShot, colouring: &Colouring) -> Vec<f32> {
     let values = colouring.field.values(body);
     let at = |value: &f64| {
         let place = ColourMap::place(*value, colouring.range);
-        // Half a step in from both ends, as textures repeat.
+        // Half a step inside both ends, since textures repeat.
         let inner = |t: f64| (0.5 + t.clamp(0.0, 1.0) * (STEPS - 1) as f64) / (STEPS + 1) as f64;
         if place.is_nan() {
             (STEPS as f32 + 0.5) / (STEPS + 1) as f32
@@ -379,7 +379,7 @@ fn places(body: &BodyShot, colouring: &Colouring) -> Vec<f32> {
     values.iter().map(at).collect()
 }
 
-/// The colour map as a texture of one row; its last step is the colour of what is no number.
+/// The colour map as a texture of one row; the last step is the colour of NaN.
 fn map() -> Arc<Texture> {
     let step = |k: usize| match k {
         STEPS.. => colour::NO_VALUE,
@@ -397,7 +397,7 @@ fn map() -> Arc<Texture> {
     })
 }
 
-/// Whether a surface has an inside and shows its front to the outside.
+/// True if a surface is closed and oriented outward.
 fn is_solid(mesh: &TriangleMesh) -> bool {
     let topology = Topology::new(mesh);
     topology.is_closed() && topology.is_oriented() && volume(&mesh.vertices, &mesh.triangles) > 0.0

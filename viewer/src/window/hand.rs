@@ -1,4 +1,4 @@
-//! Mouse and keys: what they do to the camera, and what they tell the session.
+//! Mouse and keyboard: their effects on the camera, and their commands to the session.
 
 use kiss3d::prelude::{Action, Key, Modifiers, MouseButton, WindowEvent};
 use nalgebra::{Point2, Point3, Vector2};
@@ -8,32 +8,32 @@ use crate::pick::{Picked, pick};
 use crate::snapshot::Shot;
 use crate::{Command, Snapshot};
 
-/// A button that was let go within this share of the window's height from where it was pressed is a click.
+/// Greatest motion between press and release of a click, relative to the window's height.
 const CLICK: f64 = 0.006;
 
-/// An arrow key turns by as much as a drag over this share of the window's height.
+/// Drag distance equivalent to an arrow key, relative to the window's height.
 const KEY: f64 = 0.02;
 
-/// A notch of the wheel comes nearer by this factor.
+/// Zoom factor of a wheel notch.
 const NOTCH: f64 = 0.9;
 
-/// The library tells this for a notch of a wheel, and pixels of a touch pad.
+/// Scroll distance that the library reports for a wheel notch, and in pixels for a touch pad.
 const TOLD: f64 = 10.0;
 
-/// What the hand is at.
+/// Present action of the pointer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Grip {
     Orbit,
     Pan,
     Roll,
-    /// A vertex or a handle, where it was [m], and where the hand was.
+    /// A moved vertex or handle, its start position [m], and the start of the pointer.
     Moves(Picked, Point3<f64>, Point2<f64>),
 }
 
-/// What else a key or a click asks for.
+/// Other requests by a key or a click.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wish {
-    /// The next field to colour by.
+    /// Selects the next field for the colours.
     NextField,
     Wireframe,
     Fibres,
@@ -46,7 +46,7 @@ pub enum Wish {
     Close,
 }
 
-/// The part of the window in which the scene is seen [px].
+/// The part of the window with the scene [px].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Field {
     pub width: f64,
@@ -54,7 +54,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// A place of the window [px] as one of the camera's screen.
+    /// A window position [px] as a screen position of the camera.
     fn place(&self, x: f64, y: f64) -> Point2<f64> {
         Point2::new(
             (x - 0.5 * self.width) / self.height,
@@ -63,21 +63,21 @@ impl Field {
     }
 }
 
-/// Mouse and keys between two pictures.
+/// Mouse and keyboard state between two pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Hand {
     at: Point2<f64>,
-    /// The same, in the window [px].
+    /// The same in window coordinates [px].
     pixel: Option<[f64; 2]>,
     pressed: Option<(MouseButton, Point2<f64>)>,
     grip: Option<Grip>,
-    /// What a motion of the hand tells: only the last of a picture.
+    /// The command of a pointer motion: only the last one per picture.
     moved: Option<Command>,
 }
 
 impl Hand {
-    /// Takes an event; returns what it tells the session, and what it wishes of the window. `is_covered` says whether a widget is
-    /// at a place of the window [px].
+    /// Handles an event. Returns its command to the session, and its request to the window.
+    /// `is_covered` is true for a window position [px] with a widget.
     pub fn take(
         &mut self,
         event: &WindowEvent,
@@ -86,7 +86,8 @@ impl Hand {
         shot: &Snapshot,
         is_covered: impl Fn(f64, f64) -> bool,
     ) -> (Option<Command>, Option<Wish>) {
-        // Not where widgets last knew the hand: between two slow pictures it comes and clicks.
+        // Not the last pointer position known to the widgets: between two slow pictures the pointer
+        // can move and click.
         let is_over_scene = self.pixel.is_some_and(|[x, y]| !is_covered(x, y));
         match *event {
             WindowEvent::CursorPos(x, y, _) => {
@@ -110,7 +111,7 @@ impl Hand {
         (None, None)
     }
 
-    /// What the motions since the last picture tell the session.
+    /// The command of the pointer motions since the last picture.
     pub fn moved(&mut self) -> Option<Command> {
         self.moved.take()
     }
@@ -199,7 +200,7 @@ fn place_of(picked: &Picked, shot: &Shot) -> Option<Point3<f64>> {
     }
 }
 
-/// By how much a hand went about the middle of the window, against the clock [rad].
+/// Angle of a pointer motion about the centre of the window, counter-clockwise [rad].
 fn angle(from: &Point2<f64>, to: &Point2<f64>) -> f64 {
     let turn = libm::atan2(to.y, to.x) - libm::atan2(from.y, from.x);
     turn - 2.0 * std::f64::consts::PI * (turn / (2.0 * std::f64::consts::PI)).round()
@@ -280,7 +281,7 @@ fn keyed(
     }
 }
 
-/// What mouse and keys do, for people.
+/// The list of mouse and keyboard actions.
 pub const HELP: [(&str, &str); 17] = [
     ("left drag", "turn"),
     ("Shift + left drag", "move"),

@@ -1,4 +1,4 @@
-//! The camera as the graphics card takes it.
+//! The camera in the form of the graphics card.
 
 use kiss3d::glamx::Mat4;
 use kiss3d::prelude::{Camera3d, Canvas, Pose3, Vec3, WindowEvent};
@@ -7,7 +7,7 @@ use nalgebra::Matrix4;
 use super::drawn::pose;
 use crate::camera::Camera;
 
-/// A camera whose picture fills the left of a window; the rest is the panel's.
+/// A camera whose picture fills the left part of a window; the panel is on the right.
 #[derive(Clone, Debug)]
 pub struct Lens {
     pub camera: Camera,
@@ -18,14 +18,14 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// From the camera's own axes to the cube of the graphics card.
+    /// From camera axes to the cube of the graphics card.
     fn matrix(&self) -> Mat4 {
         let (width, height) = (self.window.0.max(1.0), self.window.1.max(1.0));
         let projection = self.camera.projection(width / height);
-        // The middle of what the panel leaves free is the middle of the picture.
+        // The centre of the free part is the centre of the picture.
         let mut shifted = Matrix4::identity();
         shifted[(0, 3)] = -self.panel / width;
-        // The card takes depths of 0..1.
+        // The graphics card uses depths of 0..1.
         (shifted[(2, 2)], shifted[(2, 3)]) = (0.5, 0.5);
         let all = shifted * projection;
         let mut columns = [0.0_f32; 16];
@@ -38,7 +38,7 @@ impl Lens {
 }
 
 impl Camera3d for Lens {
-    /// Mouse and keys go another way.
+    /// Other code handles mouse and keyboard.
     fn handle_event(&mut self, _: &Canvas, _: &WindowEvent) {}
 
     fn eye(&self) -> Vec3 {

@@ -1,4 +1,4 @@
-//! The window of the viewer: what a session shows, seen and steered by hand.
+//! The window of the viewer: displays a session and passes the user's actions to it.
 
 mod capture;
 mod drawn;
@@ -31,55 +31,55 @@ use panel::{Asked, Panel};
 use pliant::mesh::measures::Aabb;
 use trace::{Trace, Widgets};
 
-/// Least width of the panel, in points of the screen.
+/// Least width of the panel [points].
 const PANEL: f32 = 370.0;
 
-/// Time between two pictures while meshes are read.
+/// Time between two pictures during the reading of meshes.
 const READING: Duration = Duration::from_millis(50);
 
-/// A picture that takes longer than this is drawn by the processor, or by a card that is busy: half of the time is then left
+/// Time of a slow picture, drawn by the processor or by a busy card: half of the time is then left
 /// to the simulation.
 const SLOW: Duration = Duration::from_millis(25);
 
-/// As long as the hand moved so lately, nothing is left.
+/// Full picture rate for this time after the last action.
 const LATELY: Duration = Duration::from_millis(500);
 
-/// Share of the vertices that the range of colours holds.
+/// Share of the vertices within the range of colours.
 const COVERED: f64 = 0.98;
 
-/// What is behind everything.
+/// Background colour.
 const BACKGROUND: pliant_render::colour::Rgb = [0.16, 0.17, 0.2];
 
-/// Pictures over which their rate is taken.
+/// Number of pictures in the mean picture rate.
 const RATED: usize = 30;
 
-/// What a window is opened with.
+/// Options of a window.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Name of what is shown.
+    /// Displayed name.
     pub name: String,
-    /// What its pictures are called after.
+    /// Base name of saved pictures.
     pub stem: String,
     /// Width and height [px].
     pub size: (u32, u32),
-    /// Whether a finished run is played.
+    /// True if a finished run is played.
     pub replayed: bool,
-    /// Where pictures and recordings go.
+    /// Folder of pictures and recordings.
     pub folder: PathBuf,
-    /// A file that gets a line of JSON a picture, for tests.
+    /// A file with a line of JSON per picture, for tests.
     pub trace: Option<PathBuf>,
 }
 
-/// Why no window was shown, or why it closed.
+/// The reason why no window appears, or why it closed.
 #[derive(Debug, thiserror::Error)]
 pub enum WindowError {
-    /// There is no screen to open it on.
+    /// There is no display.
     #[error("no display to open a window on ({0})")]
     NoDisplay(String),
-    /// There is no graphics card, nor a driver that stands in for one.
+    /// There is no graphics card and no software driver.
     #[error("no graphics card or driver that can draw ({0})")]
     NoGraphics(String),
-    /// The subject cannot be shown.
+    /// The subject cannot be displayed.
     #[error("{0}")]
     Start(#[from] StartError),
     /// The trace cannot be written.
@@ -88,7 +88,7 @@ pub enum WindowError {
 }
 
 impl WindowError {
-    /// What to do about it.
+    /// Advice for the user.
     pub fn help(&self) -> &'static str {
         match self {
             Self::NoDisplay(_) => {
@@ -104,13 +104,14 @@ impl WindowError {
     }
 }
 
-/// Opens a window on a session that `start` begins meanwhile, and returns when the window is closed, with what there is to be said.
+/// Opens a window while `start` starts a session in parallel. Returns a final message, if any, when
+/// the window is closed.
 ///
 /// `quietly` calls what it takes; a command that writes panics to a terminal keeps them from there meanwhile. The library
 /// that makes the window panics where it cannot; this is caught and returned as an error.
 ///
 /// # Errors
-/// No display, no graphics card, or nothing to be shown.
+/// No display, no graphics card, or nothing to display.
 pub fn show(
     start: impl FnOnce() -> Result<Session, StartError> + Send + 'static,
     options: &Options,
@@ -130,7 +131,7 @@ pub fn show(
     quietly(&mut || opened = Some(open(options)));
     let window = match opened.unwrap_or_else(|| open(options)) {
         Ok(window) => window,
-        // A scene that is wrong is told before a screen that is missing.
+        // The error of a scene precedes that of a missing display.
         Err(error) => {
             begun(starting)?;
             return Err(error);
@@ -139,7 +140,7 @@ pub fn show(
     kiss3d::pollster::block_on(shown(window, starting, options, trace))
 }
 
-/// The session of a thread that began it.
+/// The session from the thread that started it.
 fn begun(starting: JoinHandle<Result<Session, StartError>>) -> Result<Session, WindowError> {
     match starting.join() {
         Ok(session) => Ok(session?),
@@ -147,7 +148,7 @@ fn begun(starting: JoinHandle<Result<Session, StartError>>) -> Result<Session, W
     }
 }
 
-/// A window, or why there is none: the library that makes it panics.
+/// A window, or the reason why there is none: the library panics.
 fn open(options: &Options) -> Result<Window, WindowError> {
     // The library that makes the window reads the same variables.
     if cfg!(target_os = "linux") {
@@ -177,7 +178,8 @@ fn open(options: &Options) -> Result<Window, WindowError> {
     })
 }
 
-/// Shows an empty window until the session is there, then the session, until the window is closed.
+/// Displays an empty window until the session is ready, then the session, until the window is
+/// closed.
 async fn shown(
     mut window: Window,
     starting: JoinHandle<Result<Session, StartError>>,
@@ -186,10 +188,10 @@ async fn shown(
 ) -> Result<Option<String>, WindowError> {
     window.set_background_color(drawn::ink(BACKGROUND, 1.0));
     window.set_ambient(0.45);
-    // Colours mean numbers: nothing may shift or darken them but the shape itself.
+    // Colours represent numbers: only the shading may change them.
     window.set_tonemap(Tonemap::None);
     window.set_shadows_enabled(false);
-    // Where pictures are slow a click takes longer than the library expects.
+    // With slow pictures a click takes longer than the library expects.
     window
         .egui_context()
         .options_mut(|options| options.input_options.max_click_duration = f64::INFINITY);
@@ -215,16 +217,16 @@ async fn shown(
         Drawn::rehearse_lines(&mut window);
         window.draw_ui(|ctx| reading(ctx, &options.name));
         if !window.render_3d(drawn.root(), &mut lens).await {
-            // Closed before anything was shown: the thread is left to end with the process.
+            // Closed before the first picture: the thread ends with the process.
             return Ok(None);
         }
-        // A word needs no sixty pictures a second, and reading needs the processor.
+        // A text does not need sixty pictures per second, and the reading needs the processor.
         std::thread::sleep(READING);
     }
     let session = match begun(starting) {
         Ok(session) => session,
         Err(error) => {
-            // Where nothing was rendered yet the library panics when its window goes.
+            // The library panics if a window closes before its first picture.
             window.render_3d(drawn.root(), &mut lens).await;
             return Err(error);
         }
@@ -260,7 +262,7 @@ async fn shown(
     loop {
         let begun = Instant::now();
         if !viewer.picture(&mut window).await || viewer.closes {
-            // A film that was not stopped is written.
+            // An unfinished film is written.
             return Ok(viewer.capture.close());
         }
         let took = begun.elapsed();
@@ -270,12 +272,13 @@ async fn shown(
     }
 }
 
-/// Whether a driver stands in for a graphics card. The type's name alone can be had from here.
+/// True if a software driver replaces a graphics card. Only the name of the adapter type is
+/// available here.
 fn is_drawn_by_processor() -> bool {
     format!("{:?}", Context::get().adapter.get_info().device_type) == "Cpu"
 }
 
-/// A word while meshes are read.
+/// Displays a text during the reading of meshes.
 fn reading(ctx: &egui::Context, name: &str) {
     egui::Area::new(egui::Id::new("reading"))
         .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
@@ -284,7 +287,7 @@ fn reading(ctx: &egui::Context, name: &str) {
         });
 }
 
-/// A camera that shows all bodies, from outside.
+/// A camera that shows all bodies from outside.
 fn fitted(shot: &Shot, aspect: f64) -> Camera {
     let boxes = shot
         .bodies
@@ -298,7 +301,7 @@ fn fitted(shot: &Shot, aspect: f64) -> Camera {
     Camera::fit(&bounds, outward(shot), Vector3::y()).in_window(aspect)
 }
 
-/// From the bones to the bodies, and a little from above.
+/// Direction from the bones to the bodies, slightly from above.
 fn outward(shot: &Shot) -> Vector3<f64> {
     let mean = |points: &mut dyn Iterator<Item = Point3<f64>>| {
         let (sum, count) = points.fold((Vector3::zeros(), 0.0), |(sum, count), p| {
@@ -322,7 +325,7 @@ fn outward(shot: &Shot) -> Vector3<f64> {
     away.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize()) + Vector3::y() * 0.15
 }
 
-/// Everything behind a window.
+/// The state of a window.
 struct Viewer<'a> {
     options: &'a Options,
     session: Session,
@@ -334,28 +337,28 @@ struct Viewer<'a> {
     hand: Hand,
     state: panel::State,
     has_panel: bool,
-    /// As its widgets need it, in points of the screen.
+    /// Width required by the widgets [points].
     panel_width: f32,
     closes: bool,
-    /// Whether there is no graphics card.
+    /// True without a graphics card.
     by_processor: bool,
-    /// The frame of the last picture.
+    /// Frame of the last picture.
     frame: usize,
     fitted_to: usize,
     pictures: std::collections::VecDeque<Instant>,
     trace: Option<Trace>,
     capture: Capture,
-    /// When the hand last moved or a key was pressed.
+    /// Time of the last pointer motion or key.
     heard: Instant,
 }
 
 impl Viewer<'_> {
-    /// One picture; whether the window is still open.
+    /// Draws one picture. Returns false if the window is closed.
     async fn picture(&mut self, window: &mut Window) -> bool {
         let shot = self.session.latest();
         self.history.see(&shot);
         if shot.frame < self.frame && !self.options.replayed {
-            // A new start has its own range.
+            // A restart has its own range.
             self.colouring = Colouring::new(self.colouring.field);
         }
         self.frame = shot.frame;
@@ -367,7 +370,7 @@ impl Viewer<'_> {
         for body in &shot.bodies {
             let mut values = self.colouring.field.values(body);
             values.sort_unstable_by(f64::total_cmp);
-            // A few wild vertices do not pale the rest.
+            // A few extreme vertices must not make the rest pale.
             let covered = (COVERED * values.len() as f64) as usize;
             self.colouring.see(&values[..covered]);
         }
@@ -384,7 +387,7 @@ impl Viewer<'_> {
         let mut widgets = Widgets::new(self.trace.is_some());
         let asked = self.interface(window, &shot, &mut widgets);
         let afresh = before != self.colouring;
-        // Smooth edges cost a processor as much as all the rest; a picture that is kept has them.
+        // Antialiasing doubles the cost on a processor; a saved picture has it.
         let is_fine = !self.by_processor || self.capture.is_picture_wanted();
         window.set_samples(if is_fine {
             NumSamples::Four
@@ -423,7 +426,7 @@ impl Viewer<'_> {
         open
     }
 
-    /// Pictures a second.
+    /// Pictures per second.
     fn rate(&self) -> f64 {
         match (self.pictures.front(), self.pictures.back()) {
             (Some(first), Some(last)) if last > first => {
@@ -433,7 +436,7 @@ impl Viewer<'_> {
         }
     }
 
-    /// Takes what mouse and keys did.
+    /// Handles mouse and keyboard.
     fn hear(&mut self, window: &mut Window, shot: &Snapshot) {
         let typing = window.is_egui_capturing_keyboard();
         let (widgets, scale) = (window.egui_context().clone(), window.scale_factor());
@@ -498,7 +501,7 @@ impl Viewer<'_> {
         }
     }
 
-    /// The panel, the legend and the list of keys; returns what was asked for.
+    /// The panel, the legend and the list of keys. Returns the requests.
     fn interface(
         &mut self,
         window: &mut Window,
@@ -551,7 +554,7 @@ impl Viewer<'_> {
                     colouring,
                 );
             }
-            // Over what hides them: an implant is under skin.
+            // In front of hiding objects: an implant is under skin.
             let points = handles
                 .iter()
                 .map(|[x, y]| egui::pos2(*x as f32, *y as f32) / ctx.pixels_per_point());
@@ -581,7 +584,8 @@ impl Viewer<'_> {
     }
 }
 
-/// A panel at the right of the window, as high as it is; returns its width, which is more than wished where a row needs it.
+/// A panel on the right of the window with its full height. Returns its width, which can exceed the
+/// request.
 fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) -> f32 {
     let screen = ctx.content_rect();
     let shown = egui::Window::new("Panel")
@@ -599,7 +603,7 @@ fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) -> f32 {
     shown.map_or(PANEL, |shown| screen.right() - shown.response.rect.left())
 }
 
-/// A sheet over the upper left of the scene.
+/// A text box over the upper left of the scene.
 fn over(ctx: &egui::Context, width: f32, contents: impl FnOnce(&mut egui::Ui)) {
     egui::Area::new(egui::Id::new("told"))
         .fixed_pos(egui::pos2(12.0, 12.0))
@@ -628,7 +632,7 @@ fn keys(ctx: &egui::Context) {
         });
 }
 
-/// Points that can be taken: handles, then of each body the vertex nearest to the eye.
+/// Points that can be picked: handles, then for each body the vertex nearest to the eye.
 fn grips(shot: &Shot, lens: &Lens) -> Vec<Option<Point3<f64>>> {
     let eye = lens.camera.eye();
     let nearest = |x: &Vec<Point3<f64>>| {
@@ -642,7 +646,7 @@ fn grips(shot: &Shot, lens: &Lens) -> Vec<Option<Point3<f64>>> {
         .collect()
 }
 
-/// Where in the window [px] points are; (-1, -1) for none and for what is behind the eye.
+/// Window positions [px] of points; (-1, -1) for none and for points behind the eye.
 fn places(points: impl IntoIterator<Item = Option<Point3<f64>>>, lens: &Lens) -> Vec<[f64; 2]> {
     let (width, height) = (lens.window.0 - lens.panel, lens.window.1);
     let pixel = |p: Option<Point3<f64>>| {

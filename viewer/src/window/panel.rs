@@ -1,4 +1,4 @@
-//! The panel: what runs and how fast, everything that can be changed, what is seen, what was picked.
+//! The panel: state of the run, all controls, visible objects, the picked vertex.
 
 use kiss3d::egui::{self, Color32, RichText, Slider, SliderClamping, Ui};
 
@@ -10,24 +10,24 @@ use crate::history::History;
 use crate::panel::{Control, Kind, Scale, Value};
 use crate::{Command, Snapshot, Speed, Tissue};
 
-/// Slowest and fastest share of real time.
+/// Least and greatest multiple of real time.
 const SPEEDS: (f64, f64) = (0.05, 20.0);
 
-/// What the panel keeps between pictures.
+/// State of the panel between pictures.
 #[derive(Debug, Default)]
 pub struct State {
-    /// What was set and is not answered yet: the control's name, the number of its command, the value.
+    /// Unanswered changes: name of the control, number of the command, value.
     waiting: Vec<(String, u64, Value)>,
-    /// What the last picture or recording came to.
+    /// Message of the last picture or recording.
     pub message: String,
     pub recording: bool,
     pub help: bool,
-    /// What keys asked for.
+    /// Requests by keys.
     pub asked: Vec<Asked>,
 }
 
 impl State {
-    /// How many controls were moved whose commands are not answered yet.
+    /// Number of moved controls whose commands are not answered yet.
     pub fn waiting(&self, answered: u64) -> usize {
         self.waiting
             .iter()
@@ -36,7 +36,7 @@ impl State {
     }
 }
 
-/// What the panel wants of the window.
+/// Requests of the panel to the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {
     Picture,
@@ -45,23 +45,23 @@ pub enum Asked {
     View([i8; 3]),
 }
 
-/// Everything that the panel shows and changes.
+/// The data of the panel.
 pub struct Panel<'a> {
     pub shot: &'a Snapshot,
     pub state: &'a mut State,
     pub look: &'a mut Look,
     pub colouring: &'a mut Colouring,
     pub history: &'a History,
-    /// Pictures a second.
+    /// Pictures per second.
     pub pictures: f64,
     pub replayed: bool,
     pub widgets: &'a mut Widgets,
-    /// Sends a command and returns its number.
+    /// Sends a command. Returns its number.
     pub send: &'a mut dyn FnMut(Command) -> u64,
     pub asked: &'a mut Vec<Asked>,
 }
 
-/// The name of a control, as in tests and in what waits.
+/// The name of a control, as in tests and in unanswered changes.
 fn name_of(control: &Control) -> String {
     format!("{}/{}", control.group, control.label)
 }
@@ -77,14 +77,14 @@ impl Panel<'_> {
         self.plots(ui);
     }
 
-    /// What comes and goes, which lies over the scene so that nothing in the panel moves: the vertex that is looked at, notes
-    /// and messages.
+    /// Temporary information over the scene, so that the panel does not move: the selected vertex,
+    /// notes and messages.
     pub fn told(&mut self, ui: &mut Ui) {
         self.picked(ui);
         self.messages(ui);
     }
 
-    /// Whether there is anything to be told.
+    /// True if there is any such information.
     pub fn tells(&self) -> bool {
         let shot = self.shot;
         let stopped = shot.bodies.iter().any(|body| body.stopped.is_some());
@@ -112,7 +112,7 @@ impl Panel<'_> {
             (None, false) => RichText::new("paused"),
         };
         ui.horizontal(|ui| {
-            // What has no end of its own goes on after the last frame of its scene.
+            // A subject without an end continues after the last frame of its scene.
             let end = if shot.frame > shot.last_frame {
                 String::new()
             } else {
@@ -244,7 +244,7 @@ impl Panel<'_> {
             }
         }
         for (name, members) in groups {
-            // One switch needs no heading.
+            // A single switch needs no heading.
             if let [control] = members[..] {
                 self.control(ui, control);
                 continue;
@@ -346,7 +346,7 @@ impl Panel<'_> {
                     if stage.bodies.iter().any(|body| !body.held.is_empty()) {
                         self.check(ui, "attachments", &mut look.attachments);
                     }
-                    // Only scenes of muscles tell where something touches.
+                    // Only scenes of muscles report contact.
                     if self
                         .shot
                         .scene
@@ -438,7 +438,7 @@ impl Panel<'_> {
     }
 }
 
-/// The widget of a control, and the value that it has afterwards.
+/// The widget of a control, and its value afterwards.
 fn drawn(ui: &mut Ui, control: &Control, value: Value) -> (egui::Response, Value) {
     let label = match control.unit {
         "" => control.label.clone(),

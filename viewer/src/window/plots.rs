@@ -1,4 +1,4 @@
-//! What is painted over the scene and into the panel: legend, plots, bars.
+//! Drawings over the scene and in the panel: legend, plots, bars.
 
 use kiss3d::egui::{
     Align2, Color32, FontId, Painter, Pos2, Rect, Sense, Shape, Stroke, Ui, Vec2, pos2, vec2,
@@ -8,7 +8,7 @@ use crate::colour::Colouring;
 use crate::history::{Line, ranges};
 use pliant_render::ColourMap;
 
-/// Colours of the lines of a plot, one after the other.
+/// Colours of the lines of a plot, in order.
 const INKS: [Color32; 6] = [
     Color32::from_rgb(0x4c, 0x9f, 0xe0),
     Color32::from_rgb(0xe0, 0x8a, 0x3c),
@@ -22,7 +22,7 @@ const HANDLE: Color32 = Color32::from_rgb(0x33, 0xe6, 0xe6);
 const FAINT: Color32 = Color32::from_gray(90);
 const TEXT: Color32 = Color32::from_gray(220);
 
-/// The bar of colours with its numbers, its lower left corner at `corner`.
+/// The colour bar with its labels; `corner` is its lower left corner.
 pub fn legend(painter: &Painter, corner: Pos2, colouring: &Colouring) {
     let (width, height, steps) = (14.0, 150.0, 64);
     let top = corner.y - height;
@@ -63,14 +63,14 @@ pub fn legend(painter: &Painter, corner: Pos2, colouring: &Colouring) {
     );
 }
 
-/// Points of the screen that can be taken.
+/// Pickable points on the screen.
 pub fn handles(painter: &Painter, points: impl Iterator<Item = Pos2>) {
     for point in points.filter(|p| p.x >= 0.0) {
         painter.circle(point, 6.0, HANDLE, Stroke::new(1.5, Color32::from_gray(20)));
     }
 }
 
-/// Bars of milliseconds, one an effect.
+/// Bars of milliseconds, one per effect.
 pub fn bars(ui: &mut Ui, effects: &[(&'static str, f64)]) {
     let most = effects
         .iter()
@@ -187,7 +187,7 @@ pub fn plot(ui: &mut Ui, name: &str, lines: &[&Line]) {
     }
 }
 
-/// A number as short as it can be told.
+/// A number as a short text.
 fn short(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

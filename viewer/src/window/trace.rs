@@ -1,4 +1,4 @@
-//! What a test needs to know of the window: where its widgets are and what they show, a line of JSON a picture.
+//! Window data for tests: positions and values of the widgets, a line of JSON per picture.
 
 use std::fs::File;
 use std::io::Write;
@@ -50,7 +50,7 @@ impl Widgets {
     }
 }
 
-/// Where lines go.
+/// The output of the trace.
 #[derive(Debug)]
 pub struct Trace {
     file: File,
@@ -65,7 +65,7 @@ impl Trace {
         })
     }
 
-    /// A line for a picture that is there; a file that cannot be written to any more is left.
+    /// Writes a line for a complete picture; after an error nothing more is written.
     pub fn picture(
         &mut self,
         shot: &Snapshot,
