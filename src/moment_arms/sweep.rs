@@ -16,7 +16,7 @@ use crate::mesh::Topology;
 use crate::mesh::measures::greatest;
 use crate::moment_arms::shares::{Distances, distances, shares};
 use crate::scene::{Area, Joint, Key, Minimisation, Motion, Scene, Solver};
-use crate::simulation::Method;
+use crate::simulation::Stepper;
 use crate::simulation::tracked::{self, Parts, Tracked};
 use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
@@ -65,11 +65,11 @@ pub struct Sweep {
     pub frames: u32,
     /// Settings of the fibres of each muscle.
     pub fibres: harmonic::Options,
-    /// Method that moves the muscles.
+    /// Stepper that moves the muscles.
     pub by: By,
 }
 
-/// Method that moves the muscles.
+/// Stepper that moves the muscles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum By {
     /// Every vertex turns about the joint by a share of its angle. The share varies over the muscle
@@ -298,7 +298,7 @@ impl Running {
         let angle = self.angle(self.simulation.frame() + 1);
         for (muscle, body) in self.muscles.iter().zip(&mut self.simulation.bodies) {
             let turned = |(x, share): (&Point3<f64>, &f64)| self.joint.pose(angle * share) * x;
-            if let Method::Tracked(tracked) = &mut body.method {
+            if let Stepper::Tracked(tracked) = &mut body.method {
                 tracked.aim(
                     body.rest
                         .vertices
@@ -552,7 +552,7 @@ fn track(
         .map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 }))
         .collect();
     let shares = shares(&body.rest, &Topology::new(&body.rest), near, &held).map_err(failed)?;
-    body.method = Method::Tracked(Box::new(made));
+    body.method = Stepper::Tracked(Box::new(made));
     Ok(shares)
 }
 

@@ -12,7 +12,7 @@ use crate::encode::{Encode, Encoder};
 use crate::mesh::repair;
 use crate::skin::implant::Implant;
 use crate::skin::layers::Tissue;
-use crate::skin::plan::{Order, Place};
+use crate::skin::plan::{ImplantSpec, Place};
 use crate::skin::settle::Method;
 use crate::springs::Neighbours;
 
@@ -307,7 +307,7 @@ impl Encode for Ball {
     }
 }
 
-impl Encode for Order {
+impl Encode for ImplantSpec {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self {
             place,

@@ -33,7 +33,7 @@ const SPEED_LIMIT: f64 = 200.0;
 const TORN: f64 = 10.0;
 
 /// How a step computes the positions of a muscle.
-pub enum Method {
+pub enum Stepper {
     /// Sweeps over constraints.
     Sweeps,
     /// The minimum of an energy.
@@ -53,7 +53,7 @@ pub struct Body {
     /// Edges with their rest lengths [m].
     pub edges: Vec<Distance>,
     /// How a step computes its positions.
-    pub method: Method,
+    pub method: Stepper,
     /// Vertices attached to bones.
     pub attached: Vec<Attached>,
     /// Fibres bound to the surface.
@@ -194,9 +194,9 @@ impl Body {
     pub(super) fn step(&mut self, placed: &[PosedObstacle], dt: f64) -> Result<(), Broken> {
         let begin = std::time::Instant::now();
         let done = match &mut self.method {
-            Method::Tracked(tracked) => tracked.step(&mut self.system, placed),
-            Method::Minimum(equilibrium) => equilibrium.step(&mut self.system, placed, dt),
-            Method::Sweeps => return self.system.step(placed, dt),
+            Stepper::Tracked(tracked) => tracked.step(&mut self.system, placed),
+            Stepper::Minimum(equilibrium) => equilibrium.step(&mut self.system, placed, dt),
+            Stepper::Sweeps => return self.system.step(placed, dt),
         };
         self.system.clock.note("equilibrium", begin);
         done
@@ -206,16 +206,16 @@ impl Body {
     #[must_use]
     pub fn equilibrium(&self) -> Option<&Equilibrium> {
         match &self.method {
-            Method::Minimum(equilibrium) => Some(equilibrium),
-            Method::Sweeps | Method::Tracked(_) => None,
+            Stepper::Minimum(equilibrium) => Some(equilibrium),
+            Stepper::Sweeps | Stepper::Tracked(_) => None,
         }
     }
 
     /// As [`Body::equilibrium`], to be changed between steps.
     pub(super) fn equilibrium_mut(&mut self) -> Option<&mut Equilibrium> {
         match &mut self.method {
-            Method::Minimum(equilibrium) => Some(equilibrium),
-            Method::Sweeps | Method::Tracked(_) => None,
+            Stepper::Minimum(equilibrium) => Some(equilibrium),
+            Stepper::Sweeps | Stepper::Tracked(_) => None,
         }
     }
 
@@ -284,7 +284,7 @@ impl Body {
             .contacts
             .iter()
             .for_each(|contacts| contacts.save(to));
-        if let Method::Minimum(equilibrium) = method {
+        if let Stepper::Minimum(equilibrium) = method {
             equilibrium.save(to);
         }
         to.put(stopped);
@@ -534,9 +534,9 @@ fn method(
     scene: &Scene,
     system: &mut System,
     potentials: Vec<Box<dyn Potential>>,
-) -> Result<Method, FactorError> {
+) -> Result<Stepper, FactorError> {
     let Some(settings) = scene.solver.minimisation() else {
-        return Ok(Method::Sweeps);
+        return Ok(Stepper::Sweeps);
     };
     let step = scene.solver.has_inertia().then(|| time_step(scene));
     let begin = std::time::Instant::now();
@@ -550,7 +550,7 @@ fn method(
         step,
     )?;
     system.clock.note("equilibrium", begin);
-    Ok(Method::Minimum(Box::new(made)))
+    Ok(Stepper::Minimum(Box::new(made)))
 }
 
 fn attach(

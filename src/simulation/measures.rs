@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3};
 use serde::Serialize;
 
 use super::audit::{self, Findings};
-use super::body::{Body, Method};
+use super::body::{Body, Stepper};
 use crate::constraints::Residual;
 use crate::constraints::distance::Distance;
 use crate::contact::Counts;
@@ -84,9 +84,9 @@ impl Measures {
             .as_ref()
             .map_or(Counts::default(), |c| c.counts(x));
         let residual_m = match &body.method {
-            Method::Tracked(tracked) => tracked.outcome.residual * body.edge_length,
-            Method::Minimum(equilibrium) => equilibrium.residual * body.edge_length,
-            Method::Sweeps => elastic_residual(body),
+            Stepper::Tracked(tracked) => tracked.outcome.residual * body.edge_length,
+            Stepper::Minimum(equilibrium) => equilibrium.residual * body.edge_length,
+            Stepper::Sweeps => elastic_residual(body),
         };
         let n = x.len().max(1) as f64;
         let apart = x

@@ -23,7 +23,7 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 pub use assets::Assets;
-pub use body::{Body, Method};
+pub use body::{Body, Stepper};
 pub use fault::{Fault, LoadError, Unfit};
 pub use measures::Measures;
 pub use plan::Plan;
@@ -163,7 +163,8 @@ impl Simulation {
     }
 
     fn compute_frame(&mut self) {
-        let steps: Vec<Vec<PosedObstacle>> = (0..self.substeps).map(|s| self.placed_in(s)).collect();
+        let steps: Vec<Vec<PosedObstacle>> =
+            (0..self.substeps).map(|s| self.placed_in(s)).collect();
         let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
         let frame = self.frame + 1;
         let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
@@ -326,7 +327,7 @@ fn step_body(body: &mut Body, steps: &[Vec<PosedObstacle>], dt: f64, frame: usiz
         return;
     }
     // An equilibrium ends with contact and volume satisfied.
-    let at_rest = !matches!(body.method, Method::Sweeps);
+    let at_rest = !matches!(body.method, Stepper::Sweeps);
     if let Some(last) = steps.last().filter(|_| !at_rest) {
         body.system.settle(last, SETTLED * thickness);
     }

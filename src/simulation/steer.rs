@@ -4,7 +4,7 @@
 use nalgebra::{Isometry3, Point3};
 
 use super::ready::same_pose;
-use super::{Body, Method, Simulation};
+use super::{Body, Simulation, Stepper};
 use crate::contact::{Contacts, PosedObstacle};
 use crate::scene::{ContactEffect, Key, Motion};
 use crate::solvers::System;
@@ -134,7 +134,7 @@ impl Body {
             // The kind and number are the same, so the state fits.
             let _ = part.restore(&mut Reader::new(&kept.bytes));
         }
-        if let Method::Minimum(equilibrium) = &mut self.method {
+        if let Stepper::Minimum(equilibrium) = &mut self.method {
             equilibrium
                 .energy_mut()
                 .remember(&system.particles.position);

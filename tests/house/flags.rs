@@ -82,10 +82,9 @@ fn names_an_option(text: &str) -> bool {
 
 #[test]
 fn no_library_text_names_an_option_of_the_command() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let (mut found, mut seen) = (Vec::new(), 0);
     for folder in ["src", "render/src", "viewer/src"] {
-        for path in sources(&root.join(folder)) {
+        for path in sources(folder) {
             let source = fs::read_to_string(&path).expect("a source");
             for (line, text) in literals(&source) {
                 seen += 1;

@@ -63,8 +63,8 @@ fn key_with(
     }
     key.push_str(&match content {
         Content::Muscles(scene) => text_of("muscles", &**scene),
-        Content::Staged(Staged::Skin(scene)) => text_of("skin", &**scene),
-        Content::Staged(Staged::Lattice(scene)) => text_of("lattice", &**scene),
+        Content::Skin(scene) => text_of("skin", &**scene),
+        Content::Lattice(scene) => text_of("lattice", &**scene),
     });
     key
 }
