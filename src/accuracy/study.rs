@@ -9,6 +9,7 @@ use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
 use crate::constraints::lanes::Width;
 use crate::contact::ways::WAYS;
+use crate::progress::Progress;
 use crate::scene::{Scene, Solver};
 use crate::simulation::{Assets, LoadError};
 
@@ -106,14 +107,6 @@ impl Row {
     }
 }
 
-/// Hears how far a study is, and may end it.
-pub trait Watch {
-    /// A new part begins.
-    fn part(&mut self, text: &str);
-    /// Whether to stop now, with what there is.
-    fn stops(&self) -> bool;
-}
-
 /// What was measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
@@ -199,11 +192,11 @@ pub fn measure(
     scene: &Scene,
     assets: &Assets,
     options: Options,
-    watch: &mut impl Watch,
+    progress: &dyn Progress,
 ) -> Result<Study, StudyError> {
-    let (mut measuring, mut study) = begin(scene, assets, options, watch)?;
-    measuring.sweep(&mut study, watch);
-    measuring.repeat(&mut study, watch);
+    let (mut measuring, mut study) = begin(scene, assets, options, progress)?;
+    measuring.sweep(&mut study, progress);
+    measuring.repeat(&mut study, progress);
     study.interrupted = measuring.interrupted;
     Ok(study)
 }
@@ -213,7 +206,7 @@ pub(super) fn begin<'a>(
     scene: &'a Scene,
     assets: &'a Assets,
     options: Options,
-    watch: &mut impl Watch,
+    progress: &dyn Progress,
 ) -> Result<(Measuring<'a>, Study), StudyError> {
     let question = Question::of(&scene.solver).ok_or(StudyError::NoEnergy)?;
     let begin = Instant::now();
@@ -232,8 +225,8 @@ pub(super) fn begin<'a>(
         frames: 0,
         interrupted: false,
     };
-    measuring.frames = measuring.choose_frames(question, watch)?;
-    let reference = measuring.reference(question, FOR_REFERENCES, watch)?;
+    measuring.frames = measuring.choose_frames(question, progress)?;
+    let reference = measuring.reference(question, FOR_REFERENCES, progress)?;
     let reference = reference.ok_or_else(|| no_reference(&measuring))?;
     measuring.frames = reference.frames().len();
     let rest: Vec<_> = assets
@@ -250,7 +243,7 @@ pub(super) fn begin<'a>(
     let other = if measuring.interrupted {
         None
     } else {
-        measuring.other(turned, watch)
+        measuring.other(turned, progress)
     };
     let model_distance_m = other.as_ref().map_or(f64::NAN, |o| {
         Distance::between(o.frames(), reference.frames()).rms
@@ -293,12 +286,12 @@ impl Measuring<'_> {
     fn choose_frames(
         &mut self,
         question: Question,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Result<usize, StudyError> {
         if let Some(frames) = self.options.frames {
             return Ok(frames.min(self.scene.frames));
         }
-        watch.part("a first look at what a frame costs");
+        progress.begin("a first look at what a frame costs");
         let solver = match question {
             Question::Equilibrium => candidates::quasi_static(1, 1e-4),
             Question::Motion => candidates::implicit_euler(1, 1e-4),
@@ -308,7 +301,7 @@ impl Measuring<'_> {
         // The first frame of all also waits for what is touched for the first time.
         let goes_on = &mut |_: usize, took: f64| {
             a_frame = a_frame.min(took);
-            !watch.stops()
+            !progress.is_stopped()
         };
         Trajectory::of(
             self.scene,
@@ -317,7 +310,7 @@ impl Measuring<'_> {
             self.scene.frames.min(2),
             goes_on,
         )?;
-        self.interrupted |= watch.stops();
+        self.interrupted |= progress.is_stopped();
         // The levels of both references cost about as much as this many of the first, the candidates twice that.
         let affordable = self.left_s() / (60.0 * a_frame);
         Ok((affordable as usize).clamp(4.min(self.scene.frames), self.scene.frames))
@@ -327,15 +320,15 @@ impl Measuring<'_> {
         &mut self,
         candidate: &Candidate,
         frames: usize,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Result<Trajectory, LoadError> {
         let end = Instant::now()
             + Duration::from_secs_f64(
                 self.left_s().max(0.0) + LATE * self.options.budget.as_secs_f64(),
             );
-        let goes_on = &mut |_: usize, _: f64| !watch.stops() && Instant::now() <= end;
+        let goes_on = &mut |_: usize, _: f64| !progress.is_stopped() && Instant::now() <= end;
         let run = Trajectory::of(self.scene, self.assets, candidate, frames, goes_on)?;
-        self.interrupted |= watch.stops();
+        self.interrupted |= progress.is_stopped();
         Ok(run)
     }
 
@@ -343,7 +336,7 @@ impl Measuring<'_> {
         &mut self,
         question: Question,
         share: f64,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Result<Option<Reference>, StudyError> {
         let (begin, budget) = (Instant::now(), share * self.left_s().max(0.0));
         let mut last = begin;
@@ -357,14 +350,14 @@ impl Measuring<'_> {
         let mut listen = |candidate: &Candidate, level: u32, _: f64| {
             if said != Some(*candidate) {
                 said = Some(*candidate);
-                watch.part(&format!(
+                progress.begin(&format!(
                     "reference by {}: {}",
                     candidate.name(),
                     candidate.in_words()
                 ));
             }
             let share = if level == 0 { FIRST_LEVEL } else { 1.0 };
-            !watch.stops() && begin.elapsed().as_secs_f64() <= share * budget
+            !progress.is_stopped() && begin.elapsed().as_secs_f64() <= share * budget
         };
         let wanted = CERTAIN * self.length;
         let found = refine(
@@ -376,16 +369,16 @@ impl Measuring<'_> {
             allows,
             &mut listen,
         )?;
-        self.interrupted |= watch.stops();
+        self.interrupted |= progress.is_stopped();
         Ok(found)
     }
 
     /// The other question's reference; a body without hold has motion, but no equilibrium.
-    fn other(&mut self, question: Question, watch: &mut impl Watch) -> Option<Reference> {
-        self.reference(question, 0.3, watch).ok().flatten()
+    fn other(&mut self, question: Question, progress: &dyn Progress) -> Option<Reference> {
+        self.reference(question, 0.3, progress).ok().flatten()
     }
 
-    fn sweep(&mut self, study: &mut Study, watch: &mut impl Watch) {
+    fn sweep(&mut self, study: &mut Study, progress: &dyn Progress) {
         let all = candidates::all(self.scene, self.options.threads);
         let mut costs: Vec<(&'static str, f64)> = Vec::new();
         for candidate in all {
@@ -398,8 +391,8 @@ impl Measuring<'_> {
                 study.left_out.push(candidate);
                 continue;
             }
-            watch.part(&format!("{}: {}", candidate.name(), candidate.in_words()));
-            let Some(row) = self.row(candidate, study, watch) else {
+            progress.begin(&format!("{}: {}", candidate.name(), candidate.in_words()));
+            let Some(row) = self.row(candidate, study, progress) else {
                 study.left_out.push(candidate);
                 continue;
             };
@@ -414,7 +407,7 @@ impl Measuring<'_> {
         &mut self,
         candidate: Candidate,
         study: &Study,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Option<Row> {
         let question = Question::of(&candidate.solver)?;
         let own = question == study.question;
@@ -423,7 +416,7 @@ impl Measuring<'_> {
         } else {
             study.other.as_ref()?
         };
-        let run = self.run(&candidate, study.frames, watch).ok()?;
+        let run = self.run(&candidate, study.frames, progress).ok()?;
         if self.interrupted || (run.cut_short && !run.stopped) {
             return None;
         }
@@ -453,14 +446,14 @@ impl Measuring<'_> {
     }
 
     /// The front again for its spread, and the fastest recommended setting on one lane and on one thread.
-    fn repeat(&mut self, study: &mut Study, watch: &mut impl Watch) {
+    fn repeat(&mut self, study: &mut Study, progress: &dyn Progress) {
         study.front = pareto(&study.rows);
         for i in study.front.clone() {
             let mut times = vec![study.rows[i].time_s];
-            watch.part(&format!("again: {}", study.rows[i].candidate.in_words()));
+            progress.begin(&format!("again: {}", study.rows[i].candidate.in_words()));
             while times.len() < REPEATS && times[0] < self.left_s() && !self.interrupted {
                 let candidate = study.rows[i].candidate;
-                let Ok(run) = self.run(&candidate, study.frames, watch) else {
+                let Ok(run) = self.run(&candidate, study.frames, progress) else {
                     break;
                 };
                 if !run.cut_short {
@@ -472,14 +465,14 @@ impl Measuring<'_> {
             (row.time_s, row.repeats) = (times[times.len() / 2], times.len());
             row.time_range_s = [times[0], times[times.len() - 1]];
         }
-        self.vary(study, watch);
+        self.vary(study, progress);
         study.front = pareto(&study.rows);
         study.recommended = recommend(&study.rows, self.length);
     }
 
     /// What the recommended settings cost without lanes, on one thread, with other orders of a sweep and other ways to
     /// look for contact: the same error but for rounding and order, other times.
-    fn vary(&mut self, study: &mut Study, watch: &mut impl Watch) {
+    fn vary(&mut self, study: &mut Study, progress: &dyn Progress) {
         let mut variants = Vec::new();
         let mut add = |variant: Candidate| {
             if !variants.contains(&variant) {
@@ -525,7 +518,7 @@ impl Measuring<'_> {
             }
         }
         for candidate in variants {
-            watch.part(&format!(
+            progress.begin(&format!(
                 "{}: {}, {}, threads {}{}",
                 candidate.name(),
                 candidate.in_words(),
@@ -537,7 +530,7 @@ impl Measuring<'_> {
             ));
             if self.interrupted || self.left_s() < 0.0 {
                 study.left_out.push(candidate);
-            } else if let Some(row) = self.row(candidate, study, watch) {
+            } else if let Some(row) = self.row(candidate, study, progress) {
                 study.rows.push(row);
             }
         }

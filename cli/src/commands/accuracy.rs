@@ -1,17 +1,20 @@
 //! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::failure::Failure;
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{DONE, FAILED, INTERRUPTED, environment, say, say_json, warn};
 use crate::report::folder::Folder;
 use crate::report::{skin_accuracy, work_precision};
 use pliant::accuracy::skin::{self, SkinStudyError};
-use pliant::accuracy::{Options, Question, StudyError, Watch, measure};
+use pliant::accuracy::{Options, Question, StudyError, measure};
 use pliant::io::names::file_name;
+use pliant::progress::Progress;
 use pliant::scene::content::SkinScene;
 use pliant::scene::{Content, Scene, overrides};
 use pliant::simulation::Assets;
@@ -80,13 +83,12 @@ pub(super) struct Said<'a> {
     pub(super) stop: &'a AtomicBool,
 }
 
-impl Watch for Said<'_> {
-    fn part(&mut self, text: &str) {
-        warn(text);
-    }
-
-    fn stops(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+impl Progress for Said<'_> {
+    fn report(&self, stage: &str, _: usize, _: usize) -> ControlFlow<()> {
+        if !stage.is_empty() {
+            warn(stage);
+        }
+        if_raised(self.stop)
     }
 }
 
@@ -160,7 +162,7 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
     }
     let path = path(arguments, &scene.name);
     let folder = Folder::open(&path)?;
-    let study = match skin::measure(scene, arguments.budget, &mut Said { stop: &stop }) {
+    let study = match skin::measure(scene, arguments.budget, &Said { stop: &stop }) {
         Ok(study) => study,
         Err(SkinStudyError::Load(error)) => return Err(error.into()),
         Err(error @ SkinStudyError::NoReference(_)) => {
@@ -201,7 +203,7 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
     let path = path(arguments, &scene.name);
     let assets = Assets::load(scene)?;
     let folder = Folder::open(&path)?;
-    let study = match measure(scene, &assets, options, &mut Said { stop: &stop }) {
+    let study = match measure(scene, &assets, options, &Said { stop: &stop }) {
         Ok(study) => study,
         Err(StudyError::Load(error)) => return Err(error.into()),
         Err(StudyError::NoEnergy) => return Err(no_energy()),
