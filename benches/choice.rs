@@ -7,19 +7,11 @@
 use std::time::Duration;
 
 use pliant::accuracy::{
-    self, Candidate, Distance, Options, Question, Reference, Row, Study, Trajectory, Watch,
+    self, Candidate, Distance, Options, Question, Reference, Row, Study, Trajectory,
 };
+use pliant::progress::Silent;
 use pliant::scene::{Accuracy, Scene, builtin};
 use pliant::simulation::Assets;
-
-struct Silent;
-
-impl Watch for Silent {
-    fn part(&mut self, _: &str) {}
-    fn stops(&self) -> bool {
-        false
-    }
-}
 
 /// A press that touches its muscle from the first frame on, with friction; the fit knows one without, of another material.
 const PRESSED: [&str; 6] = [
@@ -100,7 +92,7 @@ fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads
         frames: Some(scene.frames),
         threads,
     };
-    let study = accuracy::measure(scene, assets, options, &mut Silent).expect("a reference");
+    let study = accuracy::measure(scene, assets, options, &Silent).expect("a reference");
     assert!(
         study.rows.len() > 3,
         "{name}: only {} settings measured",
@@ -120,8 +112,8 @@ fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads
             continue;
         };
         let wished = Accuracy::Share(target);
-        let chosen = accuracy::choose(scene, assets, wished, budget, threads, &mut Silent)
-            .expect("a choice");
+        let chosen =
+            accuracy::choose(scene, assets, wished, budget, threads, &Silent).expect("a choice");
         let words = |c: &Candidate| format!("{}, {}", c.name(), c.in_words());
         let ([own, least], error) = compared(
             scene,

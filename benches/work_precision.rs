@@ -9,23 +9,15 @@ use std::time::Duration;
 
 use measured::{quick, result};
 use nalgebra::Point3;
-use pliant::accuracy::{Options, Question, Row, Status, Study, Watch, measure};
+use pliant::accuracy::{Options, Question, Row, Status, Study, measure};
 use pliant::io::Encoding;
 use pliant::mesh::shapes::tube;
+use pliant::progress::Silent;
 use pliant::scene::{Scene, Solver, parse};
 use pliant::simulation::Assets;
 
 /// The reference must be certain to this share of the length; in a trial there is less time for it.
 const CERTAIN: [f64; 2] = [2e-3, 1e-2];
-
-struct Quiet;
-
-impl Watch for Quiet {
-    fn part(&mut self, _: &str) {}
-    fn stops(&self) -> bool {
-        false
-    }
-}
 
 /// A tube of 100 mm. Scenes read meshes from files, so it is written to one.
 fn scene(solver: &str) -> (Scene, Assets) {
@@ -179,7 +171,7 @@ fn main() {
             frames: Some(if quick() { 2 } else { 4 }),
             threads: 1,
         };
-        let study = measure(&scene, &assets, options, &mut Quiet).expect("a study");
+        let study = measure(&scene, &assets, options, &Silent).expect("a study");
         check(&study);
         report(name, &study);
     }

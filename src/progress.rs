@@ -20,6 +20,17 @@ pub trait Progress {
     ///
     /// `Break` ends the computation at the next place where it can end.
     fn report(&self, stage: &str, done: usize, of: usize) -> ControlFlow<()>;
+
+    /// Reports that a stage begins whose length is unknown. The computation looks up later, with
+    /// [`Progress::is_stopped`].
+    fn begin(&self, stage: &str) {
+        let _ = self.report(stage, 0, 0);
+    }
+
+    /// Whether the computation is to end; nothing new is done.
+    fn is_stopped(&self) -> bool {
+        self.report("", 0, 0).is_break()
+    }
 }
 
 impl<F: Fn(&str, usize, usize) -> ControlFlow<()>> Progress for F {

@@ -3,8 +3,9 @@
 use std::time::Duration;
 
 use nalgebra::Point3;
-use pliant::accuracy::{Options, Study, Watch, measure};
+use pliant::accuracy::{Options, Study, measure};
 use pliant::mesh::shapes::sheet;
+use pliant::progress::Silent;
 use pliant::scene::builtin::load;
 use pliant::simulation::Assets;
 use pliant::skin::plan::Place;
@@ -14,16 +15,6 @@ use pliant_cli::report::implant::{Insertion, Point};
 use pliant_cli::report::work_precision;
 
 const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
-
-/// Hears nothing and never stops.
-struct Quiet;
-
-impl Watch for Quiet {
-    fn part(&mut self, _: &str) {}
-    fn stops(&self) -> bool {
-        false
-    }
-}
 
 /// A few frames of the built-in hip, coarse.
 fn study() -> Study {
@@ -35,7 +26,7 @@ fn study() -> Study {
         frames: Some(3),
         threads: 1,
     };
-    measure(&scene, &assets, options, &mut Quiet).expect("a study")
+    measure(&scene, &assets, options, &Silent).expect("a study")
 }
 
 #[test]

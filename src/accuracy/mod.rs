@@ -22,5 +22,5 @@ pub use choice::Recommended;
 pub use distance::Distance;
 pub use pilot::{Chosen, choose};
 pub use reference::Reference;
-pub use study::{Options, Row, Status, Study, StudyError, Watch, measure};
+pub use study::{Options, Row, Status, Study, StudyError, measure};
 pub use trajectory::Trajectory;

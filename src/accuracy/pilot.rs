@@ -13,8 +13,9 @@ use super::candidates::{self, Candidate, Question};
 use super::distance::Distance;
 use super::model::{Expected, Model};
 use super::search::{floor, search, total};
-use super::study::{Options, Row, Status, Study, StudyError, Watch, begin};
+use super::study::{Options, Row, Status, Study, StudyError, begin};
 use super::trajectory::Trajectory;
+use crate::progress::Progress;
 use crate::scene::{Accuracy, Scene};
 use crate::simulation::Assets;
 
@@ -57,7 +58,7 @@ fn growth(
     assets: &Assets,
     study: &Study,
     target_m: f64,
-    watch: &mut impl Watch,
+    progress: &dyn Progress,
 ) -> Result<f64, StudyError> {
     let own = |row: &&Row| {
         row.status != Status::Diverged
@@ -80,14 +81,14 @@ fn growth(
     if study.frames >= scene.frames {
         return Ok(1.0);
     }
-    let mut run = |row: &Row| {
-        watch.part(&format!(
+    let run = |row: &Row| {
+        progress.begin(&format!(
             "all frames: {}, {}",
             row.candidate.name(),
             row.candidate.in_words()
         ));
         Trajectory::of(scene, assets, &row.candidate, scene.frames, &mut |_, _| {
-            !watch.stops()
+            !progress.is_stopped()
         })
     };
     let (rough, fine) = (run(rough)?, run(fine)?);
@@ -116,7 +117,7 @@ pub fn choose(
     accuracy: Accuracy,
     budget: Duration,
     threads: usize,
-    watch: &mut impl Watch,
+    progress: &dyn Progress,
 ) -> Result<Chosen, StudyError> {
     let (mut measuring, mut study) = begin(
         scene,
@@ -126,11 +127,11 @@ pub fn choose(
             frames: None,
             threads,
         },
-        watch,
+        progress,
     )?;
     let mut model = Model::shipped(&study);
     let target_m = accuracy.length(study.length);
-    search(&mut measuring, &mut study, &mut model, target_m, watch);
+    search(&mut measuring, &mut study, &mut model, target_m, progress);
     // Clearly more accurate settings, for the growth.
     let rough = study
         .rows
@@ -143,15 +144,15 @@ pub fn choose(
         &mut study,
         &mut model,
         CLEARLY * CLEARLY * rough,
-        watch,
+        progress,
     );
-    let growth = growth(scene, assets, &study, target_m, watch)?;
+    let growth = growth(scene, assets, &study, target_m, progress)?;
     search(
         &mut measuring,
         &mut study,
         &mut model,
         target_m / growth,
-        watch,
+        progress,
     );
     let total = |row: &Row| growth * total(row);
     let able: Vec<&Row> = study

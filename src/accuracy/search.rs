@@ -3,7 +3,8 @@
 
 use super::candidates::{self, Candidate};
 use super::model::{Expected, Model};
-use super::study::{Measuring, Row, Status, Study, Watch};
+use super::study::{Measuring, Row, Status, Study};
+use crate::progress::Progress;
 
 /// A run is worthwhile if its expected time is at most this share of the best time so far.
 const WORTH: f64 = 0.97;
@@ -26,7 +27,7 @@ pub(super) fn search(
     study: &mut Study,
     model: &mut Model,
     target_m: f64,
-    watch: &mut impl Watch,
+    progress: &dyn Progress,
 ) {
     let all = candidates::all(measuring.scene, measuring.options.threads);
     let mut tried: Vec<Candidate> = study.rows.iter().map(|row| row.candidate).collect();
@@ -36,14 +37,14 @@ pub(super) fn search(
             break;
         };
         tried.push(next);
-        watch.part(&format!("{}: {}", next.name(), next.in_words()));
-        let mut row = measuring.row(next, study, watch);
+        progress.begin(&format!("{}: {}", next.name(), next.in_words()));
+        let mut row = measuring.row(next, study, progress);
         // The very first run includes the cost of first memory accesses.
         if let Some(first) = row
             .as_ref()
             .filter(|row| study.rows.is_empty() && row.time_s <= measuring.left_s())
         {
-            row = measuring.row(next, study, watch).or(Some(first.clone()));
+            row = measuring.row(next, study, progress).or(Some(first.clone()));
         }
         if let Some(row) = row {
             model.learn(&row);
@@ -52,7 +53,7 @@ pub(super) fn search(
             study.left_out.push(next);
         }
     }
-    settle(measuring, study, target_m, watch);
+    settle(measuring, study, target_m, progress);
 }
 
 /// Model error of a solver plus the uncertainty of its reference [m], a lower bound of its total
@@ -115,7 +116,12 @@ fn keeps(row: &Row, target_m: f64) -> bool {
 }
 
 /// Repeats the runs that are about as fast as the fastest: the time is the least of both.
-fn settle(measuring: &mut Measuring<'_>, study: &mut Study, target_m: f64, watch: &mut impl Watch) {
+fn settle(
+    measuring: &mut Measuring<'_>,
+    study: &mut Study,
+    target_m: f64,
+    progress: &dyn Progress,
+) {
     let best = study
         .rows
         .iter()
@@ -134,8 +140,8 @@ fn settle(measuring: &mut Measuring<'_>, study: &mut Study, target_m: f64, watch
         if measuring.interrupted || time_s > measuring.left_s() {
             return;
         }
-        watch.part(&format!("again: {}", candidate.in_words()));
-        if let Some(again) = measuring.row(candidate, study, watch) {
+        progress.begin(&format!("again: {}", candidate.in_words()));
+        if let Some(again) = measuring.row(candidate, study, progress) {
             let row = &mut study.rows[i];
             row.time_range_s = [time_s.min(again.time_s), time_s.max(again.time_s)];
             (row.time_s, row.repeats) = (row.time_range_s[0], 2);

@@ -4,10 +4,9 @@
 //! The error is that of the area gained in the last frame. Areas themselves are not compared,
 //! because the region consists of whole triangles and so has another initial area on every mesh.
 
-use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use super::study::Watch;
+use crate::progress::Progress;
 use crate::scene::content::{SkinScene, SkinSurface, Under};
 use crate::simulation::LoadError;
 use crate::simulation::Stepped;
@@ -143,15 +142,13 @@ fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
 fn insert(
     scene: SkinScene,
     method: Method,
-    watch: &dyn Watch,
+    progress: &dyn Progress,
 ) -> Result<Option<SkinRow>, LoadError> {
     let begun = Instant::now();
     let mut run = SkinRun::new(scene)?;
-    let progress = |_: &str, _: usize, _: usize| match watch.stops() {
-        true => ControlFlow::Break(()),
-        false => ControlFlow::Continue(()),
-    };
-    if run.step(&progress) != Stepped::Done {
+    // Its rounds are not shown.
+    let stopped = |_: &str, _: usize, _: usize| progress.report("", 0, 0);
+    if run.step(&stopped) != Stepped::Done {
         return Ok(None);
     }
     let count =
@@ -184,7 +181,7 @@ fn insert(
 pub fn measure(
     scene: &SkinScene,
     budget: Duration,
-    watch: &mut dyn Watch,
+    progress: &dyn Progress,
 ) -> Result<SkinStudy, SkinStudyError> {
     let begun = Instant::now();
     let own = SkinRun::new(scene.clone())?
@@ -201,14 +198,14 @@ pub fn measure(
             let needed = method == Method::Newton && rows.len() < 2;
             let late =
                 begun.elapsed().as_secs_f64() + last.map_or(0.0, |t| SLOWER * t) > share * budget;
-            if watch.stops() || (late && !needed) {
+            if progress.is_stopped() || (late && !needed) {
                 left_out.push((edge, method));
                 continue;
             }
-            watch.part(&format!("{}, edges of {:.2} mm", name(method), edge * 1e3));
+            progress.begin(&format!("{}, edges of {:.2} mm", name(method), edge * 1e3));
             // A mesh too coarse or too fine for its region is an error; the scene itself can be
             // prepared.
-            let Ok(Some(row)) = insert(variant(scene, edge, method), method, watch) else {
+            let Ok(Some(row)) = insert(variant(scene, edge, method), method, progress) else {
                 continue;
             };
             last = Some(row.time_s);
@@ -220,7 +217,7 @@ pub fn measure(
             }
         }
     }
-    let interrupted = watch.stops();
+    let interrupted = progress.is_stopped();
     let (reference, uncertainty) = reference(&mut rows)?;
     Ok(SkinStudy {
         scene: scene.name.clone(),

@@ -8,8 +8,9 @@ use super::distance::Distance;
 use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
 use crate::constraints::lanes::Width;
-use crate::contact::broad_phase::METHODS;
-use crate::scene::Scene;
+use crate::contact::ways::WAYS;
+use crate::progress::Progress;
+use crate::scene::{Scene, Solver};
 use crate::simulation::{Assets, LoadError};
 
 /// Options of a study.
@@ -106,14 +107,6 @@ impl Row {
     }
 }
 
-/// Receives the progress of a study, and can stop it.
-pub trait Watch {
-    /// A new part begins.
-    fn part(&mut self, text: &str);
-    /// True to stop now with the present results.
-    fn stops(&self) -> bool;
-}
-
 /// Results of a study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
@@ -199,11 +192,11 @@ pub fn measure(
     scene: &Scene,
     assets: &Assets,
     options: Options,
-    watch: &mut impl Watch,
+    progress: &dyn Progress,
 ) -> Result<Study, StudyError> {
-    let (mut measuring, mut study) = begin(scene, assets, options, watch)?;
-    measuring.sweep(&mut study, watch);
-    measuring.repeat(&mut study, watch);
+    let (mut measuring, mut study) = begin(scene, assets, options, progress)?;
+    measuring.sweep(&mut study, progress);
+    measuring.repeat(&mut study, progress);
     study.interrupted = measuring.interrupted;
     Ok(study)
 }
@@ -213,7 +206,7 @@ pub(super) fn begin<'a>(
     scene: &'a Scene,
     assets: &'a Assets,
     options: Options,
-    watch: &mut impl Watch,
+    progress: &dyn Progress,
 ) -> Result<(Measuring<'a>, Study), StudyError> {
     let question = Question::of(&scene.solver).ok_or(StudyError::NoEnergy)?;
     let begin = Instant::now();
@@ -232,8 +225,8 @@ pub(super) fn begin<'a>(
         frames: 0,
         interrupted: false,
     };
-    measuring.frames = measuring.choose_frames(question, watch)?;
-    let reference = measuring.reference(question, FOR_REFERENCES, watch)?;
+    measuring.frames = measuring.choose_frames(question, progress)?;
+    let reference = measuring.reference(question, FOR_REFERENCES, progress)?;
     let reference = reference.ok_or_else(|| no_reference(&measuring))?;
     measuring.frames = reference.frames().len();
     let rest: Vec<_> = assets
@@ -250,7 +243,7 @@ pub(super) fn begin<'a>(
     let other = if measuring.interrupted {
         None
     } else {
-        measuring.other(turned, watch)
+        measuring.other(turned, progress)
     };
     let model_distance_m = other.as_ref().map_or(f64::NAN, |o| {
         Distance::between(o.frames(), reference.frames()).rms
@@ -294,18 +287,18 @@ impl Measuring<'_> {
     fn choose_frames(
         &mut self,
         question: Question,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Result<usize, StudyError> {
         if let Some(frames) = self.options.frames {
             return Ok(frames.min(self.scene.frames));
         }
-        watch.part("a first look at what a frame costs");
+        progress.begin("a first look at what a frame costs");
         let candidate = Candidate::new(question.minimised(1, 1e-4), self.options.threads);
         let mut a_frame = f64::INFINITY;
         // The very first frame includes the cost of first memory accesses.
         let goes_on = &mut |_: usize, took: f64| {
             a_frame = a_frame.min(took);
-            !watch.stops()
+            !progress.is_stopped()
         };
         Trajectory::of(
             self.scene,
@@ -314,7 +307,7 @@ impl Measuring<'_> {
             self.scene.frames.min(2),
             goes_on,
         )?;
-        self.interrupted |= watch.stops();
+        self.interrupted |= progress.is_stopped();
         // The levels of both references cost about this multiple of the first, the candidates twice
         // that.
         let affordable = self.left_s() / (60.0 * a_frame);
@@ -325,15 +318,15 @@ impl Measuring<'_> {
         &mut self,
         candidate: &Candidate,
         frames: usize,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Result<Trajectory, LoadError> {
         let end = Instant::now()
             + Duration::from_secs_f64(
                 self.left_s().max(0.0) + LATE * self.options.budget.as_secs_f64(),
             );
-        let goes_on = &mut |_: usize, _: f64| !watch.stops() && Instant::now() <= end;
+        let goes_on = &mut |_: usize, _: f64| !progress.is_stopped() && Instant::now() <= end;
         let run = Trajectory::of(self.scene, self.assets, candidate, frames, goes_on)?;
-        self.interrupted |= watch.stops();
+        self.interrupted |= progress.is_stopped();
         Ok(run)
     }
 
@@ -341,7 +334,7 @@ impl Measuring<'_> {
         &mut self,
         question: Question,
         share: f64,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Result<Option<Reference>, StudyError> {
         let (begin, budget) = (Instant::now(), share * self.left_s().max(0.0));
         let mut last = begin;
@@ -355,14 +348,14 @@ impl Measuring<'_> {
         let mut listen = |candidate: &Candidate, level: u32, _: f64| {
             if said != Some(*candidate) {
                 said = Some(*candidate);
-                watch.part(&format!(
+                progress.begin(&format!(
                     "reference by {}: {}",
                     candidate.name(),
                     candidate.in_words()
                 ));
             }
             let share = if level == 0 { FIRST_LEVEL } else { 1.0 };
-            !watch.stops() && begin.elapsed().as_secs_f64() <= share * budget
+            !progress.is_stopped() && begin.elapsed().as_secs_f64() <= share * budget
         };
         let wanted = CERTAIN * self.length;
         let found = refine(
@@ -374,17 +367,17 @@ impl Measuring<'_> {
             allows,
             &mut listen,
         )?;
-        self.interrupted |= watch.stops();
+        self.interrupted |= progress.is_stopped();
         Ok(found)
     }
 
     /// The reference of the other problem; a body without attachment has motion, but no
     /// equilibrium.
-    fn other(&mut self, question: Question, watch: &mut impl Watch) -> Option<Reference> {
-        self.reference(question, 0.3, watch).ok().flatten()
+    fn other(&mut self, question: Question, progress: &dyn Progress) -> Option<Reference> {
+        self.reference(question, 0.3, progress).ok().flatten()
     }
 
-    fn sweep(&mut self, study: &mut Study, watch: &mut impl Watch) {
+    fn sweep(&mut self, study: &mut Study, progress: &dyn Progress) {
         let all = candidates::all(self.scene, self.options.threads);
         let mut costs: Vec<(&'static str, f64)> = Vec::new();
         for candidate in all {
@@ -397,8 +390,8 @@ impl Measuring<'_> {
                 study.left_out.push(candidate);
                 continue;
             }
-            watch.part(&format!("{}: {}", candidate.name(), candidate.in_words()));
-            let Some(row) = self.row(candidate, study, watch) else {
+            progress.begin(&format!("{}: {}", candidate.name(), candidate.in_words()));
+            let Some(row) = self.row(candidate, study, progress) else {
                 study.left_out.push(candidate);
                 continue;
             };
@@ -413,7 +406,7 @@ impl Measuring<'_> {
         &mut self,
         candidate: Candidate,
         study: &Study,
-        watch: &mut impl Watch,
+        progress: &dyn Progress,
     ) -> Option<Row> {
         let question = Question::of(&candidate.solver)?;
         let own = question == study.question;
@@ -422,7 +415,7 @@ impl Measuring<'_> {
         } else {
             study.other.as_ref()?
         };
-        let run = self.run(&candidate, study.frames, watch).ok()?;
+        let run = self.run(&candidate, study.frames, progress).ok()?;
         if self.interrupted || (run.cut_short && !run.stopped) {
             return None;
         }
@@ -453,14 +446,14 @@ impl Measuring<'_> {
 
     /// Repeats the front for the spread of times, and the fastest recommended settings with one
     /// lane and with one thread.
-    fn repeat(&mut self, study: &mut Study, watch: &mut impl Watch) {
+    fn repeat(&mut self, study: &mut Study, progress: &dyn Progress) {
         study.front = pareto(&study.rows);
         for i in study.front.clone() {
             let mut times = vec![study.rows[i].time_s];
-            watch.part(&format!("again: {}", study.rows[i].candidate.in_words()));
+            progress.begin(&format!("again: {}", study.rows[i].candidate.in_words()));
             while times.len() < REPEATS && times[0] < self.left_s() && !self.interrupted {
                 let candidate = study.rows[i].candidate;
-                let Ok(run) = self.run(&candidate, study.frames, watch) else {
+                let Ok(run) = self.run(&candidate, study.frames, progress) else {
                     break;
                 };
                 if !run.cut_short {
@@ -472,7 +465,7 @@ impl Measuring<'_> {
             (row.time_s, row.repeats) = (times[times.len() / 2], times.len());
             row.time_range_s = [times[0], times[times.len() - 1]];
         }
-        self.vary(study, watch);
+        self.vary(study, progress);
         study.front = pareto(&study.rows);
         study.recommended = recommend(&study.rows, self.length);
     }
@@ -480,7 +473,7 @@ impl Measuring<'_> {
     /// Measures the recommended settings without lanes, on one thread, with other orders of a sweep
     /// and other methods of contact search: the error is the same up to rounding and order, the
     /// time differs.
-    fn vary(&mut self, study: &mut Study, watch: &mut impl Watch) {
+    fn vary(&mut self, study: &mut Study, progress: &dyn Progress) {
         let mut variants = Vec::new();
         let mut add = |variant: Candidate| {
             if !variants.contains(&variant) {
@@ -526,7 +519,7 @@ impl Measuring<'_> {
             }
         }
         for candidate in variants {
-            watch.part(&format!(
+            progress.begin(&format!(
                 "{}: {}, {}, threads {}{}",
                 candidate.name(),
                 candidate.in_words(),
@@ -538,7 +531,7 @@ impl Measuring<'_> {
             ));
             if self.interrupted || self.left_s() < 0.0 {
                 study.left_out.push(candidate);
-            } else if let Some(row) = self.row(candidate, study, watch) {
+            } else if let Some(row) = self.row(candidate, study, progress) {
                 study.rows.push(row);
             }
         }

@@ -15,10 +15,13 @@ use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::greatest;
 use crate::moment_arms::shares::{Distances, distances, shares};
+use crate::progress::Progress;
 use crate::scene::{Area, Joint, Key, Minimisation, Motion, Scene, Solver};
 use crate::simulation::Stepper;
 use crate::simulation::tracked::{self, Parts, Tracked};
-use crate::simulation::{Body, LoadError, Simulation, audit};
+use crate::simulation::{
+    Body, BodyState, LoadError, Plan, Scenario, SceneDescription, Simulation, Stepped, audit,
+};
 use crate::solvers::Broken;
 use crate::solvers::descent::Settings;
 use crate::solvers::sparse::FactorError;
@@ -250,7 +253,7 @@ impl Running {
                 muscle.shares = track(body, (&near, &bones), &placed, &turning)?;
             }
         }
-        Ok(Self {
+        let mut running = Self {
             simulation,
             muscles,
             left_out,
@@ -260,12 +263,10 @@ impl Running {
             frames,
             first,
             done: 0,
-        })
-    }
-
-    /// Number of frames.
-    pub fn frames(&self) -> usize {
-        self.first + (self.angles.len() - 1) * self.frames
+        };
+        // A sweep that begins where the meshes are reaches its first value without a frame.
+        running.record_reached();
+        Ok(running)
     }
 
     /// Number of values that are computed.
@@ -273,24 +274,12 @@ impl Running {
         self.done
     }
 
-    /// Computes the next frame. Returns the index of the angle if the frame reaches one. `None`
-    /// ends the sweep: all angles are computed, or every muscle has stopped.
-    pub fn advance(&mut self) -> Option<Option<usize>> {
-        let ended = self.simulation.bodies.iter().all(|b| b.stopped.is_some());
-        if self.done == self.angles.len() || ended {
-            return None;
+    /// Records the value of the angle that the last frame has reached, if it has.
+    fn record_reached(&mut self) {
+        if self.simulation.frame() == self.first + self.done * self.frames {
+            self.record();
+            self.done += 1;
         }
-        // If the sweep begins at the given pose, the first value needs no frame.
-        if self.simulation.frame() < self.first || self.done > 0 {
-            self.aim();
-            self.simulation.step_frame();
-        }
-        if self.simulation.frame() < self.first + self.done * self.frames {
-            return Some(None);
-        }
-        self.record();
-        self.done += 1;
-        Some(Some(self.done - 1))
     }
 
     /// Sets the shapes that the muscles track in the next frame.
@@ -359,6 +348,73 @@ impl Running {
             muscle.unconverged += usize::from(!measures.converged);
             muscle.volume_error = greatest([muscle.volume_error, measures.volume_error.abs()]);
         }
+    }
+}
+
+impl Scenario for Running {
+    fn name(&self) -> &str {
+        self.simulation.name()
+    }
+
+    fn frames(&self) -> usize {
+        self.first + (self.angles.len() - 1) * self.frames
+    }
+
+    fn frame(&self) -> usize {
+        self.simulation.frame()
+    }
+
+    fn frame_rate(&self) -> f64 {
+        self.simulation.frame_rate()
+    }
+
+    fn plan(&self) -> &Plan {
+        self.simulation.plan()
+    }
+
+    fn description(&self) -> SceneDescription {
+        self.simulation.description()
+    }
+
+    fn poses(&self, frame: usize) -> Vec<Isometry3<f64>> {
+        self.simulation.poses(frame)
+    }
+
+    fn bodies(&self) -> Vec<BodyState> {
+        Scenario::bodies(&self.simulation)
+    }
+
+    fn step(&mut self, progress: &dyn Progress) -> Stepped {
+        self.aim();
+        let stepped = self.simulation.step(progress);
+        self.record_reached();
+        stepped
+    }
+
+    fn is_finished(&self) -> bool {
+        let stopped = self.simulation.bodies.iter().all(|b| b.stopped.is_some());
+        self.done == self.angles.len() || stopped
+    }
+
+    fn converged(&self) -> bool {
+        self.muscles.iter().all(|muscle| muscle.unconverged == 0)
+    }
+
+    fn measures(&self) -> Vec<(&'static str, f64)> {
+        let most = |of: fn(&Crossing) -> f64| greatest(self.muscles.iter().map(of));
+        vec![
+            ("volume_error", most(|m| m.volume_error)),
+            ("penetration_m", most(|m| m.vertex_depth)),
+            ("fibre_penetration_m", most(|m| m.depth)),
+        ]
+    }
+
+    fn severity(&self) -> f64 {
+        self.simulation.severity()
+    }
+
+    fn severity_name(&self) -> &'static str {
+        self.simulation.severity_name()
     }
 }
 

@@ -1,40 +1,42 @@
 //! What accuracy costs: references stand still, errors fall towards them, and what is chosen keeps what was asked for.
 
+use std::cell::Cell;
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::time::Duration;
 
 use nalgebra::{Point3, Vector3};
 use pliant::accuracy::{
-    self, Distance, Options, Question, Row, Status, Study, StudyError, Watch, choose, measure,
+    self, Distance, Options, Question, Row, Status, Study, StudyError, choose, measure,
 };
 use pliant::io::Encoding;
 use pliant::mesh::shapes::{icosphere, tube};
+use pliant::progress::{Progress, Silent};
 use pliant::scene::{Accuracy, Scene, Solver, parse};
 use pliant::simulation::Assets;
 
 use crate::tolerances::{T4, worst};
 
-/// Hears nothing and never stops.
-struct Quiet;
+/// Stops after some stages.
+struct Impatient(Cell<u32>);
 
-impl Watch for Quiet {
-    fn part(&mut self, _: &str) {}
-    fn stops(&self) -> bool {
-        false
+impl Impatient {
+    fn after(stages: u32) -> Self {
+        Self(Cell::new(stages))
     }
 }
 
-/// Stops after some parts.
-struct Impatient(u32);
-
-impl Watch for Impatient {
-    fn part(&mut self, _: &str) {
-        self.0 = self.0.saturating_sub(1);
-    }
-    fn stops(&self) -> bool {
-        self.0 == 0
+impl Progress for Impatient {
+    fn report(&self, stage: &str, _: usize, _: usize) -> ControlFlow<()> {
+        if !stage.is_empty() {
+            self.0.set(self.0.get().saturating_sub(1));
+        }
+        match self.0.get() {
+            0 => ControlFlow::Break(()),
+            _ => ControlFlow::Continue(()),
+        }
     }
 }
 
@@ -100,7 +102,7 @@ fn study(name: &str, solver: &str) -> Study {
         frames: Some(3),
         threads: 1,
     };
-    measure(&scene, &assets, options, &mut Quiet).expect("a study")
+    measure(&scene, &assets, options, &Silent).expect("a study")
 }
 
 /// Of a motion, measured once for all tests that look at it.
@@ -214,7 +216,7 @@ fn an_accuracy_is_kept_or_said_to_be_missed() {
             accuracy,
             Duration::from_secs(8),
             1,
-            &mut Quiet,
+            &Silent,
         )
         .expect("a choice")
     };
@@ -248,13 +250,13 @@ fn what_has_no_energy_or_no_time_is_refused() {
         threads: 1,
     };
     assert!(matches!(
-        measure(&pbd, &assets, options, &mut Quiet),
+        measure(&pbd, &assets, options, &Silent),
         Err(StudyError::NoEnergy)
     ));
     let (xpbd, assets) = scene("stopped", "[solver.xpbd]\n");
-    let stopped = measure(&xpbd, &assets, options, &mut Impatient(1));
+    let stopped = measure(&xpbd, &assets, options, &Impatient::after(1));
     assert!(matches!(stopped, Err(StudyError::NoReference(why)) if why.contains("interrupted")));
-    let late = measure(&xpbd, &assets, options, &mut Impatient(12)).expect("what there is");
+    let late = measure(&xpbd, &assets, options, &Impatient::after(12)).expect("what there is");
     assert!(
         late.interrupted && !late.left_out.is_empty(),
         "{} rows",

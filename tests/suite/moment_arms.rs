@@ -9,7 +9,9 @@ use pliant::mesh::measures::greatest;
 use pliant::mesh::shapes::{icosphere, tube};
 use pliant::moment_arms::arms::Arms;
 use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
+use pliant::progress::Silent;
 use pliant::scene::{Scene, parse};
+use pliant::simulation::run;
 
 use crate::tolerances::{T9, T22, T23};
 
@@ -97,7 +99,7 @@ fn sweep(from: f64, to: f64) -> Sweep {
 
 fn swept(scene: Scene, sweep: &Sweep) -> Running {
     let mut running = Running::new(scene, sweep).expect("ready");
-    while running.advance().is_some() {}
+    run(&mut running, &mut [], &Silent);
     assert_eq!(running.done(), running.angles.len());
     running
 }

@@ -1,17 +1,20 @@
 //! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::failure::Failure;
 use super::options::Output;
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{FAILED, INTERRUPTED, environment, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use crate::report::{skin_accuracy, work_precision};
 use pliant::accuracy::skin::{self, SkinStudyError};
-use pliant::accuracy::{Options, Question, StudyError, Watch, measure};
+use pliant::accuracy::{Options, Question, StudyError, measure};
+use pliant::progress::Progress;
 use pliant::scene::content::SkinScene;
 use pliant::scene::{Content, Scene};
 use pliant::simulation::Assets;
@@ -73,13 +76,12 @@ pub(super) struct Said<'a> {
     pub(super) stop: &'a AtomicBool,
 }
 
-impl Watch for Said<'_> {
-    fn part(&mut self, text: &str) {
-        warn(text);
-    }
-
-    fn stops(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+impl Progress for Said<'_> {
+    fn report(&self, stage: &str, _: usize, _: usize) -> ControlFlow<()> {
+        if !stage.is_empty() {
+            warn(stage);
+        }
+        if_raised(self.stop)
     }
 }
 
@@ -109,7 +111,7 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
     arguments.output.threads.start();
     let begun = Instant::now();
     let folder = Folder::open(&arguments.output.folder(&scene.name, "accuracy"))?;
-    let study = match skin::measure(scene, arguments.budget, &mut Said { stop: &stop }) {
+    let study = match skin::measure(scene, arguments.budget, &Said { stop: &stop }) {
         Ok(study) => study,
         Err(SkinStudyError::Load(error)) => return Err(error.into()),
         Err(error @ SkinStudyError::NoReference(_)) => {
@@ -141,7 +143,7 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
     let begun = Instant::now();
     let assets = Assets::load(scene)?;
     let folder = Folder::open(&arguments.output.folder(&scene.name, "accuracy"))?;
-    let study = match measure(scene, &assets, options, &mut Said { stop: &stop }) {
+    let study = match measure(scene, &assets, options, &Said { stop: &stop }) {
         Ok(study) => study,
         Err(StudyError::Load(error)) => return Err(error.into()),
         Err(StudyError::NoEnergy) => return Err(no_energy()),

@@ -1,8 +1,9 @@
 //! `pliant moment-arms`: fibres of muscles through the turn of a joint.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use nalgebra::{Unit, Vector3};
@@ -10,7 +11,7 @@ use nalgebra::{Unit, Vector3};
 use super::environment;
 use super::failure::Failure;
 use super::options::Output;
-use super::progress::Rounds;
+use super::progress::Stoppable;
 use super::run::stop_on_interrupt;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::moment_arms::{self as files, Swept};
@@ -22,6 +23,8 @@ use pliant::moment_arms::reference::{ReferenceError, Table};
 use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
 use pliant::scene::Content;
 use pliant::scene::units::{Dimension, parse};
+use pliant::simulation::{self, Observer, Scenario};
+use pliant_render::Frame;
 
 /// Points of the fibres of a muscle at most: each holds a number for every vertex.
 const MOST_POINTS: u64 = 20_000;
@@ -166,6 +169,38 @@ fn refused(error: ReferenceError) -> Failure {
     )
 }
 
+/// Writes the fibres at each value of the angle, and keeps pictures of some.
+struct Written<'a> {
+    folder: &'a Folder,
+    /// The values that pictures show.
+    shown: [usize; 3],
+    /// Values that are written.
+    done: usize,
+    series: Collection,
+    pictures: Vec<(String, Frame)>,
+    /// What kept a file from being written.
+    failed: Option<FolderError>,
+}
+
+impl Observer<Running> for Written<'_> {
+    fn frame(&mut self, running: &Running, _: Duration) -> ControlFlow<()> {
+        if running.done() == self.done {
+            return ControlFlow::Continue(());
+        }
+        let k = self.done;
+        self.done = running.done();
+        if let Err(error) = files::write_fibres(self.folder, running, k, &mut self.series) {
+            self.failed = Some(error);
+            return ControlFlow::Break(());
+        }
+        if self.shown.contains(&k) {
+            let title = format!("at {} degrees", number(running.angles[k].to_degrees()));
+            self.pictures.push((title, files::picture(running)));
+        }
+        ControlFlow::Continue(())
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     let sweep = Sweep {
@@ -229,24 +264,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     }
     let folder = Folder::open(&out)?;
-    let (mut series, mut pictures) = (Collection::new(), Vec::new());
-    let rounds = Rounds::new(running.frames());
-    let shown = [0, running.angles.len() / 2, running.angles.len() - 1];
-    let mut before = Instant::now();
-    while !stop.load(Ordering::Relaxed) {
-        let Some(reached) = running.advance() else {
-            break;
-        };
-        rounds.frame(running.simulation.frame(), before.elapsed());
-        before = Instant::now();
-        let Some(k) = reached else { continue };
-        files::write_fibres(&folder, &running, k, &mut series)?;
-        if shown.contains(&k) {
-            let title = format!("at {} degrees", number(running.angles[k].to_degrees()));
-            pictures.push((title, files::picture(&running)));
-        }
+    let values = running.angles.len();
+    let mut written = Written {
+        folder: &folder,
+        shown: [0, values / 2, values - 1],
+        done: 0,
+        series: Collection::new(),
+        pictures: Vec::new(),
+        failed: None,
+    };
+    let progress = Stoppable::new(running.frames(), &stop);
+    simulation::run(&mut running, &mut [&mut written], &progress);
+    progress.rounds.end();
+    if let Some(error) = written.failed {
+        return Err(error.into());
     }
-    rounds.end();
+    let (series, pictures) = (written.series, written.pictures);
     let coordinate = arguments
         .coordinate
         .clone()

@@ -194,18 +194,17 @@ fn choose(
         .sum();
     let wanted = STUDY_SHARE * frame_s * scene.frames as f64;
     let budget = Duration::from_secs_f64(wanted.clamp(STUDY_LIMITS.0, STUDY_LIMITS.1));
-    let chosen =
-        match accuracy::choose(scene, assets, accuracy, budget, threads, &mut Said { stop }) {
-            Ok(chosen) => chosen,
-            Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),
-            Err(StudyError::Load(error)) => return Err(refused(error)),
-            Err(error) => {
-                return Err(Failure::usage(
-                    error.to_string(),
-                    "name another solver or leave accuracy out; see `pliant accuracy`",
-                ));
-            }
-        };
+    let chosen = match accuracy::choose(scene, assets, accuracy, budget, threads, &Said { stop }) {
+        Ok(chosen) => chosen,
+        Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),
+        Err(StudyError::Load(error)) => return Err(refused(error)),
+        Err(error) => {
+            return Err(Failure::usage(
+                error.to_string(),
+                "name another solver or leave accuracy out; see `pliant accuracy`",
+            ));
+        }
+    };
     scene.solver = chosen.candidate.solver;
     warn(&format!(
         "accuracy {} mm: {}",

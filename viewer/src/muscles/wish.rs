@@ -1,11 +1,13 @@
 //! Search for the settings of a requested accuracy: a study in its own thread.
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use pliant::accuracy::{self, Chosen, Watch};
+use pliant::accuracy::{self, Chosen};
+use pliant::progress::Progress;
 use pliant::scene::{Accuracy, Scene};
 use pliant::simulation::Assets;
 
@@ -19,13 +21,15 @@ struct Heard {
     part: Arc<Mutex<String>>,
 }
 
-impl Watch for Heard {
-    fn part(&mut self, text: &str) {
-        text.clone_into(&mut self.part.lock().unwrap_or_else(PoisonError::into_inner));
-    }
-
-    fn stops(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+impl Progress for Heard {
+    fn report(&self, stage: &str, _: usize, _: usize) -> ControlFlow<()> {
+        if !stage.is_empty() {
+            stage.clone_into(&mut self.part.lock().unwrap_or_else(PoisonError::into_inner));
+        }
+        if self.stop.load(Ordering::Relaxed) {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
     }
 }
 
@@ -44,13 +48,13 @@ impl Wish {
     pub(super) fn new(scene: &Scene, assets: &Assets, accuracy: Accuracy) -> std::io::Result<Self> {
         let (scene, assets, heard) = (scene.clone(), assets.clone(), Heard::default());
         let (tell, found) = channel();
-        let mut watch = heard.clone();
+        let progress = heard.clone();
         std::thread::Builder::new()
             .name("study".to_owned())
             .spawn(move || {
                 let threads = rayon::current_num_threads();
                 let chosen =
-                    accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &mut watch);
+                    accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &progress);
                 // The receiver may be gone.
                 let _ = tell.send(chosen.map_err(|error| error.to_string()));
             })?;
