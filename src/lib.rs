@@ -19,6 +19,7 @@ pub mod io;
 pub mod state;
 pub mod particles;
 mod random;
+pub mod rest;
 pub mod constraints;
 pub mod contact;
 pub mod springs;

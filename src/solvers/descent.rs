@@ -7,6 +7,7 @@ use super::history::{Field, add_scaled, dot};
 use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
 use crate::contact::Row;
+use crate::rest::all_within;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// Share of the decrease that the slope promises which a step must bring.
@@ -365,7 +366,7 @@ impl Problem {
         outcome.residual = outcome.force / self.force_scale;
         outcome.energy = state.energy;
         outcome.pressure = self.exact(state, multipliers).next().map_or(0.0, |m| -m);
-        outcome.converged = outcome.residual <= self.settings.tolerance;
+        outcome.converged = all_within([(outcome.residual, self.settings.tolerance)]);
     }
 
     /// Shortens the step until the energy falls by a share of what the slope promises; `complete` makes a trial keep
