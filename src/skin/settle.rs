@@ -160,7 +160,8 @@ struct Way {
 
 impl Way {
     fn new(detector: &mut Detector, x: &[Point3<f64>], start: &[Point3<f64>], leash: f64) -> Self {
-        let energy = detector.model.energy(detector.touching(x), start);
+        let touching = detector.touching(x);
+        let energy = detector.model.energy(&touching, start);
         let value = energy.value(x);
         Self {
             energy,
@@ -391,7 +392,7 @@ impl Model {
         )
     }
 
-    fn energy(&self, touching: Touching, start: &[Point3<f64>]) -> Energy {
+    fn energy(&self, touching: &Touching, start: &[Point3<f64>]) -> Energy {
         let mut energy = Energy::default();
         energy.elastic.push(Box::new(Quadratic::new(
             self.layers.springs.clone(),
@@ -409,7 +410,7 @@ impl Model {
             energy.elastic.push(Box::new(pocket));
         }
         energy.volumes = self.volumes();
-        energy.elastic.push(Box::new(touching));
+        energy.elastic.push(Box::new(touching.potential()));
         energy
     }
 
