@@ -19,6 +19,7 @@ pub mod encode;
 pub mod particles;
 mod random;
 pub mod simd;
+pub mod rest;
 pub mod constraints;
 pub mod contact;
 pub mod springs;

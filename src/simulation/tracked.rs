@@ -9,6 +9,7 @@ use crate::constraints::distance::Distance;
 use crate::contact::PosedObstacle;
 use crate::contact::smooth::SmoothDistance;
 use crate::mesh::measures::greatest;
+use crate::rest::{Relax, relax};
 use crate::solvers::descent::{Outcome, Settings};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
@@ -203,26 +204,73 @@ impl Tracked {
 
     /// Minimises until all samples in bands are active and enough of every band remains.
     fn rest(&mut self, x: &mut [Point3<f64>], poses: &[Isometry3<f64>]) -> Result<(), FactorError> {
-        let (mut iterations, mut evaluations) = (0, 0);
-        let place = |solver: &mut Newton, x: &[Point3<f64>]| match &mut solver.problem.energy.press
-        {
-            Some(press) => press.place(poses.to_vec(), x, REACH * press.thickness),
-            None => true,
+        let mut rounds = Rounds {
+            solver: &mut self.solver,
+            poses,
+            x,
+            outcome: self.outcome,
+            iterations: 0,
+            evaluations: 0,
+            done: 0,
+            is_settled: false,
         };
-        place(&mut self.solver, x);
-        for _ in 0..ROUNDS {
-            self.outcome = self.solver.solve(x, |_, _| true)?;
-            iterations += self.outcome.iterations;
-            evaluations += self.outcome.evaluations;
-            let all_known = place(&mut self.solver, x);
-            match &mut self.solver.problem.energy.press {
-                Some(press) if !(press.left(x) >= LEAST_LEFT) => press.stiffness *= STIFFER,
-                _ if all_known => break,
-                _ => {}
-            }
-        }
-        (self.outcome.iterations, self.outcome.evaluations) = (iterations, evaluations);
+        rounds.place();
+        relax(&mut rounds, ROUNDS, |_| true)?;
+        self.outcome = Outcome {
+            iterations: rounds.iterations,
+            evaluations: rounds.evaluations,
+            ..rounds.outcome
+        };
         Ok(())
+    }
+}
+
+/// Rounds in which samples that have come near to a bone are looked up again.
+struct Rounds<'a> {
+    solver: &'a mut Newton,
+    poses: &'a [Isometry3<f64>],
+    x: &'a mut [Point3<f64>],
+    /// The end of the last round.
+    outcome: Outcome,
+    /// Of all rounds.
+    iterations: u32,
+    evaluations: u32,
+    done: usize,
+    is_settled: bool,
+}
+
+impl Rounds<'_> {
+    /// Looks up the samples near the bones; whether all that are in a band were looked at before.
+    fn place(&mut self) -> bool {
+        match &mut self.solver.problem.energy.press {
+            Some(press) => press.place(self.poses.to_vec(), self.x, REACH * press.thickness),
+            None => true,
+        }
+    }
+}
+
+impl Relax for Rounds<'_> {
+    type Error = FactorError;
+
+    fn judge(&mut self) -> Result<bool, FactorError> {
+        Ok(self.is_settled)
+    }
+
+    fn steps(&self) -> usize {
+        self.done
+    }
+
+    fn advance(&mut self) -> Result<bool, FactorError> {
+        self.outcome = self.solver.solve(self.x, |_, _| true)?;
+        self.iterations += self.outcome.iterations;
+        self.evaluations += self.outcome.evaluations;
+        self.done += 1;
+        let all_known = self.place();
+        match &mut self.solver.problem.energy.press {
+            Some(press) if !(press.left(self.x) >= LEAST_LEFT) => press.stiffness *= STIFFER,
+            _ => self.is_settled = all_known,
+        }
+        Ok(true)
     }
 }
 

@@ -4,9 +4,9 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use crate::constraints::Potential;
+use crate::constraints::stencil::{Blocks, at};
+use crate::constraints::{Stencil, Stencils};
 use crate::mesh::measures::greatest;
-use crate::mesh::sum::Compensated;
 
 /// A contact of a vertex with a plane, fixed or on a triangle, or with a sphere: n.(x - y) >= 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,59 +60,56 @@ pub enum On {
 /// A gap with its derivatives with respect to the vertex and the corners.
 struct Gap {
     value: f64,
-    points: [u32; 4],
     gradient: [Vector3<f64>; 4],
-    /// Number of points in use.
-    count: usize,
     /// Second derivative with respect to the vertex.
     curvature: Matrix3<f64>,
 }
 
 impl Touch {
-    /// The gap [m], negative if the vertex is inside; `None` in the centre of a sphere.
-    pub fn gap(&self, x: &[Point3<f64>]) -> Option<f64> {
-        self.measure(x).map(|gap| gap.value)
+    /// The vertex, and the corners of the triangle that carries the plane; the vertex in their place where none does.
+    fn corners(&self) -> [u32; 4] {
+        match self.over {
+            Over::Carried([a, b, c], ..) => [self.vertex, a, b, c],
+            Over::Plane(..) | Over::Ball(..) => [self.vertex; 4],
+        }
     }
 
-    fn measure(&self, x: &[Point3<f64>]) -> Option<Gap> {
-        let v = self.vertex;
-        let at = x[v as usize];
-        let fixed = |value: f64, n: Vector3<f64>, curvature| {
-            let mut gradient = [Vector3::zeros(); 4];
-            gradient[0] = n;
-            Some(Gap {
-                value,
-                points: [v; 4],
-                gradient,
-                count: 1,
-                curvature,
-            })
-        };
+    /// The gap [m], negative if the vertex is inside; `None` in the centre of a sphere.
+    pub fn gap(&self, x: &[Point3<f64>]) -> Option<f64> {
+        self.measure(&at(self.corners(), x)).map(|gap| gap.value)
+    }
+
+    fn measure(&self, x: &[Point3<f64>; 4]) -> Option<Gap> {
+        let alone = |n: Vector3<f64>| [n, Vector3::zeros(), Vector3::zeros(), Vector3::zeros()];
         match self.over {
-            Over::Plane(origin, n) => fixed((at - origin).dot(&n), n, Matrix3::zeros()),
+            Over::Plane(origin, n) => Some(Gap {
+                value: (x[0] - origin).dot(&n),
+                gradient: alone(n),
+                curvature: Matrix3::zeros(),
+            }),
             Over::Ball(centre, radius) => {
-                let away = at - centre;
+                let away = x[0] - centre;
                 let distance = away.norm();
                 let n = away.try_normalize(0.0)?;
-                fixed(
-                    distance - radius,
-                    n,
-                    (Matrix3::identity() - n * n.transpose()) / distance,
-                )
-            }
-            Over::Carried(t, w, n) => {
-                let [a, b, c] = t.map(|v| x[v as usize]);
-                let value = (at - a - (b - a) * w[1] - (c - a) * w[2]).dot(&n);
-                let gradient = [n, -n * w[0], -n * w[1], -n * w[2]];
                 Some(Gap {
-                    value,
-                    points: [v, t[0], t[1], t[2]],
-                    gradient,
-                    count: 4,
-                    curvature: Matrix3::zeros(),
+                    value: distance - radius,
+                    gradient: alone(n),
+                    curvature: (Matrix3::identity() - n * n.transpose()) / distance,
                 })
             }
+            Over::Carried(_, w, n) => Some(Gap {
+                value: self.way(x).dot(&n),
+                gradient: [n, -n * w[0], -n * w[1], -n * w[2]],
+                curvature: Matrix3::zeros(),
+            }),
         }
+    }
+
+    /// The gap less the lift, with the energy, force and stiffness of [`law`]; `None` where nothing presses.
+    fn pressed(&self, x: &[Point3<f64>; 4]) -> Option<(Gap, (f64, f64, f64))> {
+        let gap = self.measure(x)?;
+        let lifted = gap.value - self.lift;
+        (lifted < self.soft).then(|| (gap, law(lifted, self.soft)))
     }
 
     /// The contact with the tangential stiffness of a surface of this radius [m], found at
@@ -122,7 +119,7 @@ impl Touch {
             .gap(x)
             .map_or(0.0, |gap| law(gap - self.lift, self.soft).1);
         self.slide = self.stiffness * pressed / radius;
-        self.from = self.way(x);
+        self.from = self.way(&at(self.corners(), x));
         self
     }
 
@@ -135,14 +132,11 @@ impl Touch {
     }
 
     /// Vector from the surface point to the vertex [m].
-    fn way(&self, x: &[Point3<f64>]) -> Vector3<f64> {
-        let at = |v: u32| x[v as usize];
+    fn way(&self, x: &[Point3<f64>; 4]) -> Vector3<f64> {
         match self.over {
-            Over::Carried([a, b, c], w, _) => {
-                at(self.vertex) - at(a) - (at(b) - at(a)) * w[1] - (at(c) - at(a)) * w[2]
-            }
-            Over::Plane(origin, _) => at(self.vertex) - origin,
-            Over::Ball(centre, _) => at(self.vertex) - centre,
+            Over::Carried(_, w, _) => x[0] - x[1] - (x[2] - x[1]) * w[1] - (x[3] - x[1]) * w[2],
+            Over::Plane(origin, _) => x[0] - origin,
+            Over::Ball(centre, _) => x[0] - centre,
         }
     }
 
@@ -155,15 +149,8 @@ impl Touch {
     }
 
     /// Tangential displacement since the contact was found [m].
-    fn slid(&self, x: &[Point3<f64>]) -> Vector3<f64> {
+    fn slid(&self, x: &[Point3<f64>; 4]) -> Vector3<f64> {
         self.along() * (self.way(x) - self.from)
-    }
-
-    fn points(&self) -> ([u32; 4], usize) {
-        match self.over {
-            Over::Carried([a, b, c], ..) => ([self.vertex, a, b, c], 4),
-            Over::Plane(..) | Over::Ball(..) => ([self.vertex; 4], 1),
-        }
     }
 }
 
@@ -209,123 +196,81 @@ pub struct Touching {
 }
 
 impl Touching {
-    fn pressed(&self, x: &[Point3<f64>]) -> impl Iterator<Item = (f64, f64, Gap)> {
-        let lifted = |t: &Touch, gap: Gap| Gap {
-            value: gap.value - t.lift,
-            ..gap
-        };
-        let measured = self
-            .touches
-            .iter()
-            .filter_map(move |t| Some((t.stiffness, t.soft, lifted(t, t.measure(x)?))));
-        measured.filter(|(_, soft, gap)| gap.value < *soft)
-    }
-
-    fn sliding(&self) -> impl Iterator<Item = &Touch> {
-        self.touches.iter().filter(|t| t.slide > 0.0)
-    }
-
     /// Greatest penetration [m].
     pub fn depth(&self, x: &[Point3<f64>]) -> f64 {
-        greatest(
-            self.touches
-                .iter()
-                .filter_map(|t| t.gap(x))
-                .map(|gap| (-gap).max(0.0)),
-        )
+        let gaps = self.touches.iter().filter_map(|t| t.gap(x));
+        greatest(gaps.map(|gap| (-gap).max(0.0)))
+    }
+
+    /// Their energy: that of all gaps, then that of sliding.
+    pub fn potential(&self) -> Stencils<Contact, 4> {
+        let press = self.touches.iter().copied().map(Contact::Press);
+        let sliding = self.touches.iter().filter(|t| t.slide > 0.0);
+        let slide = sliding.copied().map(Contact::Slide);
+        Stencils::new("contact of skin and implant", press.chain(slide).collect())
     }
 }
 
-impl Potential for Touching {
-    fn name(&self) -> &'static str {
-        "contact of skin and implant"
+/// A term of the energy of contact.
+#[derive(Clone, Copy, Debug)]
+pub enum Contact {
+    /// The energy k g^2 / 2 of a gap g < 0, smoothed near its onset.
+    Press(Touch),
+    /// The energy of sliding along the plane.
+    Slide(Touch),
+}
+
+impl Stencil<4> for Contact {
+    fn points(&self) -> [u32; 4] {
+        let (Self::Press(touch) | Self::Slide(touch)) = self;
+        touch.corners()
     }
 
-    fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        self.pressed(x)
-            .for_each(|(k, soft, gap)| sum.add(k * law(gap.value, soft).0));
-        self.sliding()
-            .for_each(|t| sum.add(0.5 * t.slide * t.slid(x).norm_squared()));
-        sum.total()
-    }
-
-    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        for (k, soft, gap) in self.pressed(x) {
-            let (energy, press, _) = law(gap.value, soft);
-            sum.add(k * energy);
-            let each = gap.points.iter().zip(&gap.gradient).take(gap.count);
-            each.for_each(|(p, g)| gradient[*p as usize] -= g * (k * press));
-        }
-        for t in self.sliding() {
-            let (slid, (points, count)) = (t.slid(x), t.points());
-            sum.add(0.5 * t.slide * slid.norm_squared());
-            let each = points.iter().zip(t.weights()).take(count);
-            each.for_each(|(p, w)| gradient[*p as usize] += slid * (t.slide * w));
-        }
-        sum.total()
-    }
-
-    fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        for (points, count) in self.touches.iter().map(Touch::points) {
-            for i in 0..count {
-                points[..i].iter().for_each(|&q| pair(points[i], q));
+    fn energy_and_gradient(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
+        match self {
+            Self::Press(t) => {
+                let (gap, (energy, press, _)) = t.pressed(x)?;
+                let force = -(t.stiffness * press);
+                Some((t.stiffness * energy, gap.gradient.map(|g| g * force)))
+            }
+            Self::Slide(t) => {
+                let slid = t.slid(x);
+                let energy = 0.5 * t.slide * slid.norm_squared();
+                Some((energy, t.weights().map(|w| slid * (t.slide * w))))
             }
         }
     }
 
-    fn hessian(
-        &self,
-        x: &[Point3<f64>],
-        convex: bool,
-        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
-    ) {
-        for (k, soft, gap) in self.pressed(x) {
-            let (_, press, stiff) = law(gap.value, soft);
-            for i in 0..gap.count {
-                for j in 0..gap.count {
-                    let mut block = gap.gradient[i] * gap.gradient[j].transpose() * (k * stiff);
-                    if !convex {
-                        block -= gap.curvature * (k * press);
-                    }
-                    add(gap.points[i], gap.points[j], &block);
+    fn hessian(&self, x: &[Point3<f64>; 4], convex: bool) -> Option<Blocks<4>> {
+        match self {
+            Self::Press(t) => {
+                let (gap, (_, press, stiff)) = t.pressed(x)?;
+                let k = t.stiffness * stiff;
+                let row = |g: Vector3<f64>| gap.gradient.map(|h| g * h.transpose() * k);
+                let mut blocks = gap.gradient.map(row);
+                if !convex {
+                    blocks[0][0] -= gap.curvature * (t.stiffness * press);
                 }
+                Some(blocks)
             }
-        }
-        for t in self.sliding() {
-            let (weights, (points, count), along) = (t.weights(), t.points(), t.along());
-            for i in 0..count {
-                (0..count).for_each(|j| {
-                    add(
-                        points[i],
-                        points[j],
-                        &(along * (t.slide * weights[i] * weights[j])),
-                    )
-                });
+            Self::Slide(t) => {
+                let (weights, along) = (t.weights(), t.along());
+                Some(weights.map(|v| weights.map(|w| along * (t.slide * v * w))))
             }
         }
     }
 
-    fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        for (k, soft, gap) in self.pressed(x) {
-            let k = k * law(gap.value, soft).2;
-            for i in 0..gap.count {
-                (0..gap.count).for_each(|j| {
-                    // A third: the springs act in one direction of three.
-                    add(
-                        gap.points[i],
-                        gap.points[j],
-                        k / 3.0 * gap.gradient[i].dot(&gap.gradient[j]),
-                    );
-                });
+    fn scalar_hessian(&self, x: &[Point3<f64>; 4]) -> Option<[[f64; 4]; 4]> {
+        match self {
+            Self::Press(t) => {
+                let (gap, (_, _, stiff)) = t.pressed(x)?;
+                // A third: the springs hold in one direction of three.
+                let k = t.stiffness * stiff / 3.0;
+                Some(gap.gradient.map(|g| gap.gradient.map(|h| k * g.dot(&h))))
             }
-        }
-        for t in self.sliding() {
-            let (weights, (points, count)) = (t.weights(), t.points());
-            for i in 0..count {
-                (0..count)
-                    .for_each(|j| add(points[i], points[j], t.slide * weights[i] * weights[j]));
+            Self::Slide(t) => {
+                let weights = t.weights();
+                Some(weights.map(|v| weights.map(|w| t.slide * v * w)))
             }
         }
     }

@@ -20,6 +20,7 @@ use crate::constraints::spring::anchors;
 use crate::constraints::{EnclosedVolume, Quadratic};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
+use crate::rest::{End, Relax, all_within, relax};
 use crate::solvers::descent::{Outcome, Settings, Unguarded};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
@@ -165,7 +166,8 @@ struct Way {
 
 impl Way {
     fn new(detector: &mut Detector, x: &[Point3<f64>], start: &[Point3<f64>], leash: f64) -> Self {
-        let energy = detector.model.energy(detector.touching(x), start);
+        let touching = detector.touching(x);
+        let energy = detector.model.energy(&touching, start);
         let value = energy.value(x);
         Self {
             energy,
@@ -178,7 +180,7 @@ impl Way {
     /// the new positions. Planes of the old positions do not describe the surface beyond them, and
     /// rounds that rely on them can cycle.
     fn descend(
-        self,
+        &self,
         detector: &mut Detector,
         before: &[Point3<f64>],
         x: &mut [Point3<f64>],
@@ -280,57 +282,80 @@ impl<'a> Descent<'a> {
         x: &mut [Point3<f64>],
         watch: &mut dyn FnMut(&Progress) -> bool,
     ) -> Result<(), SkinError> {
-        let Self {
+        let leash = LEASH * self.detector.model.base;
+        let mut rounds = Rounds {
+            way: Way::new(&mut self.detector, x, &self.start, leash),
+            descent: self,
+            x,
+            told: Told::default(),
+            done: 0,
+        };
+        let end = relax(&mut rounds, ROUNDS as usize, |now| {
+            let progress = &now.descent.progress;
+            now.done == 0 || progress.converged || watch(progress)
+        })?;
+        match end {
+            End::Stopped => Err(SkinError::Stopped),
+            End::Rest | End::Steps | End::Stuck => Ok(()),
+        }
+    }
+}
+
+/// Rounds of a model with contact lifted as it is.
+struct Rounds<'d, 'a> {
+    descent: &'d mut Descent<'a>,
+    x: &'d mut [Point3<f64>],
+    way: Way,
+    told: Told,
+    done: usize,
+}
+
+impl Relax for Rounds<'_, '_> {
+    type Error = SkinError;
+
+    fn judge(&mut self) -> Result<bool, SkinError> {
+        Ok(self.descent.progress.converged)
+    }
+
+    fn steps(&self) -> usize {
+        self.done
+    }
+
+    fn advance(&mut self) -> Result<bool, SkinError> {
+        let Descent {
             detector,
             newton,
             start,
             inverse_mass,
             progress,
             pressures,
-        } = self;
-        let model = detector.model;
-        let mut way = Way::new(detector, x, start, LEASH * model.base);
-        let mut told = Told::default();
-        for _ in 0..ROUNDS {
-            let before = x.to_owned();
-            let outcome;
-            (outcome, *pressures) =
-                model.minimise(newton, way.energy, x, inverse_mass, way.leash)?;
-            way = Way {
-                energy: Energy::default(),
-                ..way
-            }
-            .descend(detector, &before, x, start)?;
-            progress.rounds += 1;
-            progress.iterations += outcome.iterations;
-            progress.residual = outcome.residual;
-            progress.pressure = pressures.iter().copied().reduce(larger).unwrap_or(0.0);
-            // For an implant alone, all its vertices.
-            let judged = if model.layers.count() == 0 {
-                x.len()
-            } else {
-                2 * model.layers.count()
-            };
-            progress.moved = greatest(
-                before
-                    .iter()
-                    .zip(x.iter())
-                    .take(judged)
-                    .map(|(a, b)| (a - b).norm()),
-            );
-            told.0.push((way.value, model.area(x), pressures.clone()));
-            let still =
-                outcome.converged && progress.moved <= STILL * model.layers.edge && told.steady();
-            progress.exhausted = !still && told.exhausted();
-            progress.converged = still || progress.exhausted;
-            if progress.converged {
-                return Ok(());
-            }
-            if !watch(progress) {
-                return Err(SkinError::Stopped);
-            }
-        }
-        Ok(())
+        } = &mut *self.descent;
+        let (model, x) = (detector.model, &mut *self.x);
+        let before = x.to_owned();
+        let energy = std::mem::take(&mut self.way.energy);
+        let outcome;
+        (outcome, *pressures) = model.minimise(newton, energy, x, inverse_mass, self.way.leash)?;
+        self.way = self.way.descend(detector, &before, x, start)?;
+        progress.rounds += 1;
+        progress.iterations += outcome.iterations;
+        progress.residual = outcome.residual;
+        progress.pressure = pressures.iter().copied().reduce(larger).unwrap_or(0.0);
+        // Of an implant alone all its vertices.
+        let judged = if model.layers.count() == 0 {
+            x.len()
+        } else {
+            2 * model.layers.count()
+        };
+        let moves = before.iter().zip(x.iter()).take(judged);
+        progress.moved = greatest(moves.map(|(a, b)| (a - b).norm()));
+        let area = model.area(x);
+        self.told.0.push((self.way.value, area, pressures.clone()));
+        let is_still = all_within([(progress.moved, STILL * model.layers.edge)]);
+        let still = outcome.converged && is_still && self.told.steady();
+        progress.exhausted = !still && self.told.exhausted();
+        progress.converged = still || progress.exhausted;
+        self.done += 1;
+        Ok(true)
     }
 }
 
@@ -376,7 +401,7 @@ impl Model {
         )
     }
 
-    fn energy(&self, touching: Touching, start: &[Point3<f64>]) -> Energy {
+    fn energy(&self, touching: &Touching, start: &[Point3<f64>]) -> Energy {
         let mut energy = Energy::default();
         energy.elastic.push(Box::new(Quadratic::new(
             self.layers.springs.clone(),
@@ -394,7 +419,7 @@ impl Model {
             energy.elastic.push(Box::new(pocket));
         }
         energy.volumes = self.volumes();
-        energy.elastic.push(Box::new(touching));
+        energy.elastic.push(Box::new(touching.potential()));
         energy
     }
 

@@ -8,6 +8,7 @@ use super::history::{Field, add_scaled, dot};
 use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
+use crate::rest::all_within;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// Least decrease of a step, relative to the decrease predicted by the slope.
@@ -374,7 +375,7 @@ impl Problem {
         outcome.residual = outcome.force / self.force_scale;
         outcome.energy = state.energy;
         outcome.pressure = self.exact(state, multipliers).next().map_or(0.0, |m| -m);
-        outcome.converged = outcome.residual <= self.settings.tolerance;
+        outcome.converged = all_within([(outcome.residual, self.settings.tolerance)]);
     }
 
     /// Shortens the step until the energy decreases by a share of the prediction from the slope.

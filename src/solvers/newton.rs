@@ -10,10 +10,11 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::descent::{Outcome, Problem, Settings};
+use super::descent::{Outcome, Problem, Settings, State};
 use super::energy::Energy;
 use super::history::Field;
 use super::sparse::{Factor, FactorError};
+use crate::rest::{Relax, relax};
 
 /// Shifts of the diagonal that are tried if even the projected matrix has no factor, relative to
 /// its mean entry.
@@ -94,39 +95,22 @@ impl Newton {
         x: &mut [Point3<f64>],
         mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
     ) -> Result<Outcome, FactorError> {
-        let mut outcome = Outcome {
-            evaluations: 1,
-            ..Outcome::default()
-        };
         self.keep_volumes(x)?;
-        let mut state = self.problem.state(x);
-        let mut multipliers = self.problem.first_multipliers(&state);
-        loop {
-            self.problem.judge(&state, &multipliers, &[], &mut outcome);
-            self.pressures = self.problem.pressures(&state, &multipliers);
-            let more = watch(&outcome, x);
-            if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more
-            {
-                return Ok(outcome);
-            }
-            let pressures: Vec<f64> = multipliers.iter().map(|m| -m).collect();
-            self.factorise(x, &pressures)?;
-            let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
-            let mut spreads = state.areas.clone();
-            self.invert([&mut pull].into_iter().chain(&mut spreads));
-            let problem = &self.problem;
-            let direction;
-            (direction, multipliers) = problem.direction(&state, pull, &spreads);
-            let complete = |end: &mut [Point3<f64>]| problem.keep_volumes(end, &spreads);
-            let Some((end, new)) = problem.search(x, &state, &direction, &mut outcome, complete)
-            else {
-                return Ok(outcome);
-            };
-            outcome.iterations += 1;
-            x.copy_from_slice(&end);
-            self.problem.energy.remember(x);
-            state = new;
-        }
+        let state = self.problem.state(x);
+        let multipliers = self.problem.first_multipliers(&state);
+        let limit = self.problem.settings.iterations as usize;
+        let mut descent = Descent {
+            solver: self,
+            x,
+            state,
+            multipliers,
+            outcome: Outcome {
+                evaluations: 1,
+                ..Outcome::default()
+            },
+        };
+        relax(&mut descent, limit, |now| watch(&now.outcome, now.x))?;
+        Ok(descent.outcome)
     }
 
     /// Brings volumes without compliance to their targets along the fields of least energy; the
@@ -192,6 +176,57 @@ impl Newton {
                     factor.add(i, j, &columns(block));
                 }
             });
+    }
+}
+
+/// A body on its way to equilibrium.
+struct Descent<'a> {
+    solver: &'a mut Newton,
+    x: &'a mut [Point3<f64>],
+    state: State,
+    multipliers: Vec<f64>,
+    outcome: Outcome,
+}
+
+impl Relax for Descent<'_> {
+    type Error = FactorError;
+
+    fn judge(&mut self) -> Result<bool, FactorError> {
+        let problem = &self.solver.problem;
+        problem.judge(&self.state, &self.multipliers, &[], &mut self.outcome);
+        self.solver.pressures = problem.pressures(&self.state, &self.multipliers);
+        Ok(self.outcome.converged)
+    }
+
+    fn steps(&self) -> usize {
+        self.outcome.iterations as usize
+    }
+
+    fn advance(&mut self) -> Result<bool, FactorError> {
+        let Self {
+            solver,
+            x,
+            state,
+            multipliers,
+            outcome,
+        } = self;
+        let pressures: Vec<f64> = multipliers.iter().map(|m| -m).collect();
+        solver.factorise(x, &pressures)?;
+        let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
+        let mut spreads = state.areas.clone();
+        solver.invert([&mut pull].into_iter().chain(&mut spreads));
+        let problem = &solver.problem;
+        let direction;
+        (direction, *multipliers) = problem.direction(state, pull, &spreads);
+        let complete = |end: &mut [Point3<f64>]| problem.keep_volumes(end, &spreads);
+        let Some((end, new)) = problem.search(x, state, &direction, outcome, complete) else {
+            return Ok(false);
+        };
+        outcome.iterations += 1;
+        x.copy_from_slice(&end);
+        solver.problem.energy.remember(x);
+        *state = new;
+        Ok(true)
     }
 }
 

@@ -9,6 +9,8 @@
 //! *Limitations.* Mass, velocities and friction have no effect. A net of springs can fold in
 //! different states: several equilibria can exist, and the solver finds one near the start.
 
+use std::convert::Infallible;
+
 use nalgebra::{Point3, Vector3};
 
 use super::active::{Active, Touched};
@@ -19,6 +21,7 @@ use super::sparse::FactorError;
 use super::unknowns::Laplacian;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
+use crate::rest::{End, Relax, relax};
 use crate::state::{self, Corrupt, Reader, Writer};
 
 /// Number of stored steps of the minimisation: more cost more than they save.
@@ -125,60 +128,29 @@ impl QuasiStatic {
         guard: &mut impl Guard,
         mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
     ) -> Outcome {
-        let mut outcome = Outcome {
-            evaluations: 1,
-            ..Outcome::default()
-        };
         self.keep_volumes(x);
-        let mut state = self.problem.state(x);
-        let mut multipliers = self.problem.first_multipliers(&state);
-        loop {
-            let rows = guard.rows();
-            let pressed = self
-                .problem
-                .pressed(x, &state, &multipliers, &rows, guard.touching());
-            if pressed != self.active.rows() {
-                self.active =
-                    self.touched
-                        .hold(pressed, &mut self.laplacian, &self.problem.unknowns);
-                self.spreads.0.clear();
-            }
-            let last = outcome.iterations >= self.problem.settings.iterations;
-            let direction;
-            (direction, multipliers) = match last && self.active.rows().is_empty() {
-                // No field moves along it any more; the multipliers of the volumes with the least
-                // force need none.
-                true => (Field::new(), self.problem.first_multipliers(&state)),
-                false => self.direction(&state),
-            };
-            self.problem
-                .judge(&state, &multipliers, self.active.rows(), &mut outcome);
-            self.pressures = self.problem.pressures(&state, &multipliers);
-            let more = watch(&outcome, x);
-            if outcome.converged || last || !more {
-                self.problem.energy.remember(x);
-                return outcome;
-            }
-            let Some((end, new)) = self.search(x, &state, &direction, &rows, guard, &mut outcome)
-            else {
-                if self.history.is_empty() {
-                    return outcome;
-                }
-                // The history is misleading: tries again with the constant matrix alone.
-                self.history.clear();
-                self.spreads.0.clear();
-                continue;
-            };
-            outcome.iterations += 1;
-            self.learn(x, &end, &state, &new, &multipliers);
-            x.copy_from_slice(&end);
-            // An angle turns by much less than a period between two updates.
-            if outcome.iterations.is_multiple_of(NOTED) {
-                self.problem.energy.remember(x);
-            }
-            guard.accept(x);
-            state = new;
+        let state = self.problem.state(x);
+        let multipliers = self.problem.first_multipliers(&state);
+        let limit = self.problem.settings.iterations as usize;
+        let mut descent = Descent {
+            solver: self,
+            x,
+            guard,
+            state,
+            multipliers,
+            rows: Vec::new(),
+            direction: Field::new(),
+            outcome: Outcome {
+                evaluations: 1,
+                ..Outcome::default()
+            },
+        };
+        let Ok(end) = relax(&mut descent, limit, |now| watch(&now.outcome, now.x));
+        let outcome = descent.outcome;
+        if end != End::Stuck {
+            self.problem.energy.remember(x);
         }
+        outcome
     }
 
     /// Adds a step with the change of the Lagrangian's gradient over it, at constant multipliers.
@@ -290,6 +262,93 @@ impl QuasiStatic {
         self.active
             .solve(&mut self.laplacian, &self.problem.unknowns, &mut fields);
         self.problem.keep_volumes(x, &areas);
+    }
+}
+
+/// A body on its way to equilibrium.
+struct Descent<'a, G> {
+    solver: &'a mut QuasiStatic,
+    x: &'a mut [Point3<f64>],
+    guard: &'a mut G,
+    state: State,
+    multipliers: Vec<f64>,
+    /// The planes that vertices near an obstacle must stay over.
+    rows: Vec<Row>,
+    direction: Field,
+    outcome: Outcome,
+}
+
+impl<G: Guard> Relax for Descent<'_, G> {
+    type Error = Infallible;
+
+    fn judge(&mut self) -> Result<bool, Infallible> {
+        let Self {
+            solver,
+            x,
+            guard,
+            state,
+            multipliers,
+            rows,
+            direction,
+            outcome,
+        } = self;
+        *rows = guard.rows();
+        let pressed = solver
+            .problem
+            .pressed(x, state, multipliers, rows, guard.touching());
+        if pressed != solver.active.rows() {
+            let unknowns = &solver.problem.unknowns;
+            solver.active = solver
+                .touched
+                .hold(pressed, &mut solver.laplacian, unknowns);
+            solver.spreads.0.clear();
+        }
+        let last = outcome.iterations >= solver.problem.settings.iterations;
+        (*direction, *multipliers) = match last && solver.active.rows().is_empty() {
+            // Nothing goes along it any more; the least force that gives the volumes' multipliers needs none.
+            true => (Field::new(), solver.problem.first_multipliers(state)),
+            false => solver.direction(state),
+        };
+        let problem = &solver.problem;
+        problem.judge(state, multipliers, solver.active.rows(), outcome);
+        solver.pressures = problem.pressures(state, multipliers);
+        Ok(outcome.converged)
+    }
+
+    fn steps(&self) -> usize {
+        self.outcome.iterations as usize
+    }
+
+    fn advance(&mut self) -> Result<bool, Infallible> {
+        let Self {
+            solver,
+            x,
+            guard,
+            state,
+            multipliers,
+            rows,
+            direction,
+            outcome,
+        } = self;
+        let Some((end, new)) = solver.search(x, state, direction, rows, *guard, outcome) else {
+            if solver.history.is_empty() {
+                return Ok(false);
+            }
+            // What was remembered misled it: once more from the constant matrix alone.
+            solver.history.clear();
+            solver.spreads.0.clear();
+            return Ok(true);
+        };
+        outcome.iterations += 1;
+        solver.learn(x, &end, state, &new, multipliers);
+        x.copy_from_slice(&end);
+        // An angle turns by far less than a period between two notes.
+        if outcome.iterations.is_multiple_of(NOTED) {
+            solver.problem.energy.remember(x);
+        }
+        guard.accept(x);
+        *state = new;
+        Ok(true)
     }
 }
 

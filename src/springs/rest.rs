@@ -5,6 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::integrators::{Integrator, StepError};
 use super::system::{Energy, SpringSystem};
 use crate::mesh::measures::{Aabb, greatest};
+use crate::rest::{self, Relax, all_within, relax};
 
 /// Criterion of rest.
 ///
@@ -97,50 +98,71 @@ pub fn settle(
 /// The same as [`settle`] with any function that makes a step and returns its length [s].
 pub fn settle_by(
     system: &mut SpringSystem,
-    mut advance: impl FnMut(&mut SpringSystem) -> Result<f64, StepError>,
+    advance: impl FnMut(&mut SpringSystem) -> Result<f64, StepError>,
     rest: Rest,
     steps: usize,
     watch: &mut dyn FnMut(&SpringSystem, &StepRecord) -> bool,
 ) -> Settled {
-    let mut last = record(system, 0, 0.0, &system.position);
-    let mut before: Vec<Point3<f64>> = Vec::new();
-    // A system at rest needs no step.
-    let is_rest = |r: &StepRecord| r.residual <= rest.force && r.energy.kinetic <= rest.energy;
-    for step in 0..=steps {
-        if is_rest(&last) {
-            return Settled {
-                end: End::Rest,
-                steps: step,
-                last,
-            };
-        }
-        if step == steps {
-            break;
-        }
-        before.clone_from(&system.position);
-        let dt = match advance(system) {
-            Ok(dt) => dt,
-            Err(error) => {
-                return Settled {
-                    end: End::Failed(error),
-                    steps: step,
-                    last,
-                };
-            }
-        };
-        last = record(system, step + 1, dt, &before);
-        if !watch(system, &last) {
-            return Settled {
-                end: End::Stopped,
-                steps: step + 1,
-                last,
-            };
-        }
-    }
+    let mut settling = Settling {
+        advance,
+        rest,
+        steps: 0,
+        dt: 0.0,
+        before: system.position.clone(),
+        last: StepRecord::default(),
+        system,
+    };
+    let ended = relax(&mut settling, steps, |now| {
+        now.steps == 0 || watch(now.system, &now.last)
+    });
     Settled {
-        end: End::Steps,
-        steps,
-        last,
+        end: match ended {
+            Ok(rest::End::Rest) => End::Rest,
+            Ok(rest::End::Stopped) => End::Stopped,
+            Ok(rest::End::Steps | rest::End::Stuck) => End::Steps,
+            Err(error) => End::Failed(error),
+        },
+        steps: settling.steps,
+        last: settling.last,
+    }
+}
+
+/// A system on its way to rest.
+struct Settling<'a, A> {
+    system: &'a mut SpringSystem,
+    advance: A,
+    rest: Rest,
+    steps: usize,
+    /// The last step [s].
+    dt: f64,
+    /// Positions before it [m].
+    before: Vec<Point3<f64>>,
+    last: StepRecord,
+}
+
+impl<A: FnMut(&mut SpringSystem) -> Result<f64, StepError>> Relax for Settling<'_, A> {
+    type Error = StepError;
+
+    fn judge(&mut self) -> Result<bool, StepError> {
+        self.last = record(self.system, self.steps, self.dt, &self.before);
+        let StepRecord {
+            residual, energy, ..
+        } = self.last;
+        Ok(all_within([
+            (residual, self.rest.force),
+            (energy.kinetic, self.rest.energy),
+        ]))
+    }
+
+    fn steps(&self) -> usize {
+        self.steps
+    }
+
+    fn advance(&mut self) -> Result<bool, StepError> {
+        self.before.clone_from(&self.system.position);
+        self.dt = (self.advance)(self.system)?;
+        self.steps += 1;
+        Ok(true)
     }
 }
 

@@ -9,7 +9,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::SpringsError;
 use crate::fibres::template::{Sampling, Template};
 use crate::mesh::measures::greatest;
-use crate::solvers::sparse::Factor;
+use crate::rest::{End, Relax, all_within, relax};
+use crate::solvers::sparse::{Factor, FactorError};
 use crate::springs::Neighbours;
 use crate::springs::lattice::Shape;
 use crate::springs::patterns;
@@ -195,42 +196,21 @@ impl Network {
     /// Minimises by Newton's method. A compressed spring contributes no lateral stiffness, so that
     /// the system stays positive definite.
     fn newton(&self, x: &mut [Point3<f64>]) -> Result<(), SpringsError> {
-        let count = self.free.len();
-        let mut system = Factor::<3>::new(count, &self.pairs())?;
-        let mut left = f64::INFINITY;
-        for _ in 0..STEPS {
-            let (mut force, scale) = self.assemble(x, &mut system);
-            left = greatest(
-                force
-                    .chunks(3)
-                    .map(|f| Vector3::new(f[0], f[1], f[2]).norm()),
-            ) / scale;
-            if left <= AT_REST {
-                return Ok(());
-            }
-            system.factorise()?;
-            let slope: Vec<f64> = force.clone();
-            system.solve(&mut force, 1);
-            let fall: f64 = slope.iter().zip(&force).map(|(a, b)| a * b).sum();
-            let (before, start) = (self.energy(x), x.to_vec());
-            let mut share = 1.0;
-            for halving in 0..=HALVINGS {
-                for (u, &p) in self.free.iter().enumerate() {
-                    let step = Vector3::new(force[3 * u], force[3 * u + 1], force[3 * u + 2]);
-                    x[p as usize] = start[p as usize] + step * share;
-                }
-                // Accepts the whole step if energies differ by rounding only.
-                let enough = self.energy(x) <= before - 1e-4 * share * fall + 1e-14 * before;
-                if enough || halving == HALVINGS {
-                    break;
-                }
-                share *= 0.5;
-            }
+        let mut descent = Descent {
+            system: Factor::new(self.free.len(), &self.pairs())?,
+            net: self,
+            x,
+            force: Vec::new(),
+            left: f64::INFINITY,
+            steps: 0,
+        };
+        match relax(&mut descent, STEPS, |_| true)? {
+            End::Rest => Ok(()),
+            End::Steps | End::Stopped | End::Stuck => Err(SpringsError::NotAtRest {
+                steps: STEPS,
+                force: descent.left,
+            }),
         }
-        Err(SpringsError::NotAtRest {
-            steps: STEPS,
-            force: left,
-        })
     }
 
     /// Forces on the unknowns, and the greatest sum of force magnitudes at one of them.
@@ -258,5 +238,59 @@ impl Network {
             }
         }
         (force, greatest(sizes))
+    }
+}
+
+/// A network on its way to rest.
+struct Descent<'a> {
+    net: &'a Network,
+    system: Factor<3>,
+    x: &'a mut [Point3<f64>],
+    /// Forces on the unknowns.
+    force: Vec<f64>,
+    /// The greatest of them over that of all springs of its point.
+    left: f64,
+    steps: usize,
+}
+
+impl Relax for Descent<'_> {
+    type Error = FactorError;
+
+    fn judge(&mut self) -> Result<bool, FactorError> {
+        let (force, scale) = self.net.assemble(self.x, &mut self.system);
+        let each = force.chunks(3);
+        let sizes = each.map(|f| Vector3::new(f[0], f[1], f[2]).norm());
+        self.left = greatest(sizes) / scale;
+        self.force = force;
+        Ok(all_within([(self.left, AT_REST)]))
+    }
+
+    fn steps(&self) -> usize {
+        self.steps
+    }
+
+    fn advance(&mut self) -> Result<bool, FactorError> {
+        let (net, x) = (self.net, &mut *self.x);
+        self.system.factorise()?;
+        let mut step = self.force.clone();
+        self.system.solve(&mut step, 1);
+        let products = self.force.iter().zip(&step).map(|(a, b)| a * b);
+        let fall: f64 = products.sum();
+        let (before, start) = (net.energy(x), x.to_vec());
+        let mut share = 1.0;
+        for halving in 0..=HALVINGS {
+            for (u, &p) in net.free.iter().enumerate() {
+                let step = Vector3::new(step[3 * u], step[3 * u + 1], step[3 * u + 2]);
+                x[p as usize] = start[p as usize] + step * share;
+            }
+            // Where energies differ by rounding only, the whole step is taken.
+            let enough = net.energy(x) <= before - 1e-4 * share * fall + 1e-14 * before;
+            if enough || halving == HALVINGS {
+                break;
+            }
+            share *= 0.5;
+        }
+        self.steps += 1;
+        Ok(true)
     }
 }

@@ -1,0 +1,137 @@
+//! Coming to rest: the one loop of solvers, spring systems, skin and fibres, and the one test for it.
+
+/// How a body on its way to rest ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// It is at rest.
+    Rest,
+    /// It is not, after as many steps as were allowed.
+    Steps,
+    /// The watcher stopped it.
+    Stopped,
+    /// No step brings it nearer to rest.
+    Stuck,
+}
+
+/// A body on its way to rest.
+pub trait Relax {
+    /// Failure of a step.
+    type Error;
+
+    /// Measures the present state; whether it counts as at rest, see [`all_within`].
+    ///
+    /// # Errors
+    /// The state cannot be measured.
+    fn judge(&mut self) -> Result<bool, Self::Error>;
+
+    /// Steps so far.
+    fn steps(&self) -> usize;
+
+    /// Goes one step; false where no step brings it nearer to rest.
+    ///
+    /// # Errors
+    /// The step failed.
+    fn advance(&mut self) -> Result<bool, Self::Error>;
+}
+
+/// Steps until `body` is at rest, at most `limit`; `watch` sees each state, the first as well, and says whether to go on.
+///
+/// # Errors
+/// A step failed.
+pub fn relax<R: Relax>(
+    body: &mut R,
+    limit: usize,
+    mut watch: impl FnMut(&R) -> bool,
+) -> Result<End, R::Error> {
+    loop {
+        let at_rest = body.judge()?;
+        let more = watch(body);
+        if at_rest {
+            return Ok(End::Rest);
+        }
+        if body.steps() >= limit {
+            return Ok(End::Steps);
+        }
+        if !more {
+            return Ok(End::Stopped);
+        }
+        if !body.advance()? {
+            return Ok(End::Stuck);
+        }
+    }
+}
+
+/// Whether each measure is within its limit; a measure that is not a number never is.
+pub fn all_within<const N: usize>(measures: [(f64, f64); N]) -> bool {
+    measures.iter().all(|(value, limit)| value <= limit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A number that each step halves, down to a least one.
+    struct Halved {
+        value: f64,
+        least: f64,
+        steps: usize,
+    }
+
+    impl Relax for Halved {
+        type Error = ();
+        fn judge(&mut self) -> Result<bool, ()> {
+            Ok(all_within([(self.value, 1.0)]))
+        }
+        fn steps(&self) -> usize {
+            self.steps
+        }
+        fn advance(&mut self) -> Result<bool, ()> {
+            if self.value.is_infinite() {
+                return Err(());
+            }
+            self.value *= 0.5;
+            self.steps += 1;
+            Ok(self.value >= self.least)
+        }
+    }
+
+    fn halved(value: f64, least: f64, limit: usize) -> (Result<End, ()>, usize, usize) {
+        let mut body = Halved {
+            value,
+            least,
+            steps: 0,
+        };
+        let mut seen = 0;
+        let end = relax(&mut body, limit, |body| {
+            seen += 1;
+            body.value < 1000.0
+        });
+        (end, body.steps, seen)
+    }
+
+    #[test]
+    fn it_ends_at_rest_at_the_limit_when_stopped_when_stuck_or_failed() {
+        assert_eq!(halved(8.0, 0.0, 9), (Ok(End::Rest), 3, 4));
+        assert_eq!(halved(1.0, 0.0, 9), (Ok(End::Rest), 0, 1));
+        assert_eq!(halved(8.0, 0.0, 2), (Ok(End::Steps), 2, 3));
+        assert_eq!(halved(4000.0, 0.0, 9), (Ok(End::Stopped), 0, 1));
+        assert_eq!(halved(8.0, 3.0, 9), (Ok(End::Stuck), 2, 2));
+        assert_eq!(halved(f64::INFINITY, 0.0, 9).0, Ok(End::Stopped));
+        let failed = relax(
+            &mut Halved {
+                value: f64::INFINITY,
+                least: 0.0,
+                steps: 0,
+            },
+            9,
+            |_| true,
+        );
+        assert_eq!(failed, Err(()));
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_not_at_rest() {
+        assert!(all_within([(0.5, 1.0), (1.0, 1.0)]));
+        assert!(!all_within([(0.5, 1.0), (1.5, 1.0)]) && !all_within([(f64::NAN, 1.0)]));
+    }
+}
