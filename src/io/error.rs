@@ -3,13 +3,10 @@
 use std::fmt;
 
 use super::Format;
+use super::formats::readable;
 
 /// The most bytes of a file that an error message quotes.
 const QUOTED_BYTES: usize = 64;
-
-/// The formats that can be read, for messages.
-pub(super) const READABLE: &str =
-    "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text can be read";
 
 /// What [`Problem::Expected`] says where a text holds something that is no number.
 pub(super) const A_NUMBER: &str = "a number";
@@ -171,10 +168,10 @@ pub enum Problem {
     #[error("the text is UTF-16; save it as UTF-8")]
     Utf16,
     /// The first bytes belong to no format that can be read.
-    #[error("unknown format; {READABLE}")]
+    #[error("unknown format; {}", readable())]
     UnknownFormat,
     /// The format or the variant of it is known, but not read.
-    #[error("{what}: format not supported yet; {READABLE}")]
+    #[error("{what}: format not supported yet; {}", readable())]
     Unsupported {
         /// The format or variant.
         what: &'static str,
