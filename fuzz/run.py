@@ -20,10 +20,11 @@ import subprocess
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
-TARGETS = [
-    "obj", "ply", "stl", "off", "vtk", "vtp", "directx", "blocks", "write", "repair", "state", "springs", "pvd", "scene",
-    "any",
-]
+# One program runs every reader of the table of formats; an environment variable names it.
+FORMATS = (HERE.parent / "src" / "io" / "formats.rs").read_text()
+READERS = list(dict.fromkeys(re.findall(r'^ +target: "(\w+)"', FORMATS, re.MULTILINE))) + ["any"]
+PROGRAMS = ["reader", "blocks", "write", "repair", "state", "springs", "pvd", "scene"]
+TARGETS = [*READERS, *PROGRAMS[1:]]
 COLUMNS = ["target", "start", "stop", "executions", "added", "covered", "peak_mb", "findings", "commit"]
 # The code is safe Rust: a sanitizer would find nothing more and take half of the speed.
 BUILD = ["cargo", "+nightly", "fuzz", "build", "--sanitizer", "none"]
@@ -42,7 +43,7 @@ def build(work):
     programs.mkdir(parents=True, exist_ok=True)
     subprocess.run(BUILD, cwd=HERE, check=True)
     built = HERE / "target" / "x86_64-unknown-linux-gnu" / "release"
-    for name in TARGETS:
+    for name in PROGRAMS:
         # Under another name first: a program that runs cannot be written to.
         shutil.copy2(built / name, programs / f"{name}.new")
         (programs / f"{name}.new").replace(programs / name)
@@ -58,8 +59,9 @@ def run(target, seconds, work):
     programs, artifacts, corpus = work / "programs", work / "artifacts" / target, work / "corpus" / target
     artifacts.mkdir(parents=True, exist_ok=True)
     corpus.mkdir(parents=True, exist_ok=True)
+    program = programs / ("reader" if target in READERS else target)
     command = [
-        programs / target, f"-max_total_time={seconds}", "-max_len=4096", "-timeout=10", "-report_slow_units=1",
+        program, f"-max_total_time={seconds}", "-max_len=4096", "-timeout=10", "-report_slow_units=1",
         "-rss_limit_mb=1024", "-print_final_stats=1", f"-artifact_prefix={artifacts}/",
     ]
     words = HERE / "dictionaries" / f"{target}.dict"
@@ -67,7 +69,7 @@ def run(target, seconds, work):
         command.append(f"-dict={words}")
     before = set(artifacts.iterdir())
     start = now()
-    seeds = os.environ | {"PLIANT_SEEDS": str(corpus), "RUST_BACKTRACE": "0"}
+    seeds = os.environ | {"PLIANT_SEEDS": str(corpus), "PLIANT_READER": target, "RUST_BACKTRACE": "0"}
     text = subprocess.run([*command, corpus], capture_output=True, text=True, errors="replace", env=seeds).stderr
     stop = now()
     found = sorted(set(artifacts.iterdir()) - before)

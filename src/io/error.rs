@@ -3,13 +3,10 @@
 use std::fmt;
 
 use super::Format;
+use super::formats::readable;
 
 /// Greatest number of bytes of a file that an error message quotes.
 const QUOTED_BYTES: usize = 64;
-
-/// The readable formats, for messages.
-pub(super) const READABLE: &str =
-    "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text can be read";
 
 /// The text of [`Problem::Expected`] for a word that is no number.
 pub(super) const A_NUMBER: &str = "a number";
@@ -173,10 +170,10 @@ pub enum Problem {
     #[error("the text is UTF-16; save it as UTF-8")]
     Utf16,
     /// The first bytes belong to no readable format.
-    #[error("unknown format; {READABLE}")]
+    #[error("unknown format; {}", readable())]
     UnknownFormat,
     /// The format or its variant is known, but not supported.
-    #[error("{what}: format not supported yet; {READABLE}")]
+    #[error("{what}: format not supported yet; {}", readable())]
     Unsupported {
         /// The format or variant.
         what: &'static str,

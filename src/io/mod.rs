@@ -12,6 +12,7 @@ mod decompress;
 mod directx;
 mod encoded;
 mod error;
+mod formats;
 pub mod obj;
 pub mod names;
 mod off;
@@ -33,9 +34,11 @@ use std::path::Path;
 use crate::mesh::TriangleMesh;
 use cursor::Cursor;
 pub use error::{Place, Problem, ReadError};
+use formats::Head;
+pub use formats::{Encoding, FORMATS, Format, FormatSpec, writable};
 pub use part::write_whole;
 pub use warning::{Warned, Warning, Warnings};
-pub use write::{Encoding, WRITABLE, WriteError, write};
+pub use write::{WriteError, write};
 
 /// The largest file that is read [bytes].
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
@@ -52,61 +55,6 @@ pub struct MeshFile {
     pub format: Option<Format>,
     /// Accepted content that is possibly a mistake.
     pub warnings: Warnings,
-}
-
-/// The readable formats.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Format {
-    /// Wavefront OBJ.
-    Obj,
-    /// The Stanford polygon format, text or binary.
-    Ply,
-    /// STL as text.
-    StlText,
-    /// STL in binary.
-    StlBinary,
-    /// Legacy VTK, text or binary.
-    Vtk,
-    /// VTK XML polydata.
-    Vtp,
-    /// The object file format of Geomview.
-    Off,
-    /// DirectX text.
-    DirectX,
-}
-
-impl Format {
-    /// Name in messages.
-    pub fn name(self) -> &'static str {
-        match self {
-            Format::Obj => "OBJ",
-            Format::Ply => "PLY",
-            Format::StlText | Format::StlBinary => "STL",
-            Format::Vtk => "legacy VTK",
-            Format::Vtp => "VTK XML",
-            Format::Off => "OFF",
-            Format::DirectX => "DirectX text",
-        }
-    }
-
-    /// The format of a file extension; `.stl` means either variant.
-    fn from_name(name: &str) -> Option<Self> {
-        let ending = Path::new(name)
-            .extension()?
-            .to_string_lossy()
-            .to_ascii_lowercase();
-        Some(match ending.as_str() {
-            "obj" => Format::Obj,
-            "ply" => Format::Ply,
-            "stl" => Format::StlBinary,
-            "vtk" => Format::Vtk,
-            "vtp" => Format::Vtp,
-            "off" => Format::Off,
-            "x" => Format::DirectX,
-            _ => return None,
-        })
-    }
 }
 
 /// Reads a mesh file. The content decides on the format, the extension only if the content is
@@ -219,16 +167,7 @@ pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFil
     let format = detect(bytes, name).map_err(|problem| {
         Cursor::new(name, bytes).fail_at(Place::Whole, problem, &bytes[..bytes.len().min(8)])
     })?;
-    let result = match format {
-        Format::Obj => obj::read(bytes, name),
-        Format::Ply => ply::read(bytes, name),
-        Format::StlText => stl::read_text(bytes, name),
-        Format::StlBinary => stl::read_binary(bytes, name),
-        Format::Vtk => vtk::read(bytes, name),
-        Format::Vtp => vtp::read(bytes, name, limit.min(MAX_FILE_BYTES)),
-        Format::Off => off::read(bytes, name),
-        Format::DirectX => directx::read(bytes, name),
-    };
+    let result = (format.spec().read)(bytes, name, limit);
     // `.stl` means either variant.
     let other = Format::from_name(name).filter(|promised| promised.name() != format.name());
     match (result, other) {
@@ -272,58 +211,25 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     if stl::has_binary_size(bytes) {
         return Ok(Format::StlBinary);
     }
-    let text = bytes.trim_ascii_start();
-    let word = text
-        .split(u8::is_ascii_whitespace)
-        .next()
-        .unwrap_or_default();
-    if starts_with_ignoring_case(text, b"# vtk DataFile") {
-        return Ok(Format::Vtk);
-    }
-    if word == b"ply" {
-        return Ok(Format::Ply);
-    }
-    if word.eq_ignore_ascii_case(b"solid") {
-        // Text has no zero byte; a binary file with a wrong size has zeros in its header or its
-        // first normal.
-        let binary = bytes[..bytes.len().min(256)].contains(&0);
-        return Ok(if binary {
-            Format::StlBinary
-        } else {
-            Format::StlText
-        });
-    }
-    if text.starts_with(b"<?xml") || text.starts_with(b"<VTKFile") || text.starts_with(b"<!--") {
-        return Ok(Format::Vtp);
-    }
-    if text.starts_with(b"xof ") {
-        return Ok(Format::DirectX);
-    }
-    if off::looks_like(bytes) {
-        return Ok(Format::Off);
+    let head = Head::of(bytes);
+    let of_content = FORMATS.iter().rev().find(|spec| (spec.detect)(&head));
+    // A format with a first word of its own comes before what is known but not read; OBJ has none.
+    if let Some(spec) = of_content.filter(|spec| spec.format != Format::Obj) {
+        return Ok(spec.format);
     }
     if let Some((_, what)) = UNSUPPORTED
         .iter()
-        .find(|(start, _)| text.starts_with(start.as_bytes()))
+        .find(|(start, _)| head.text.starts_with(start.as_bytes()))
     {
         return Err(Problem::Unsupported { what });
     }
-    if obj::looks_like(bytes) {
-        return Ok(Format::Obj);
+    if let Some(spec) = of_content {
+        return Ok(spec.format);
     }
     // The other formats begin with their own words, which are missing here.
     Format::from_name(name)
-        .filter(|f| match f {
-            Format::Obj | Format::StlBinary => true,
-            Format::Off => off::begins_with_a_count(bytes),
-            _ => false,
-        })
+        .filter(|format| (format.spec().is_possible)(bytes))
         .ok_or(Problem::UnknownFormat)
-}
-
-fn starts_with_ignoring_case(text: &[u8], start: &[u8]) -> bool {
-    text.get(..start.len())
-        .is_some_and(|t| t.eq_ignore_ascii_case(start))
 }
 
 #[cfg(test)]
@@ -416,7 +322,7 @@ mod tests {
             error(b"plyy 1 2 3", "a.ply"),
             format!(
                 "a.ply: unknown format; {} (found 'plyy 1 2')",
-                error::READABLE
+                formats::readable()
             )
         );
         assert!(error(b"OFFF\n3 1 0\n", "a.off").starts_with("a.off: unknown format; OBJ"));

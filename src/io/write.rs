@@ -2,21 +2,8 @@
 
 use std::path::Path;
 
-use super::{Format, obj, ply, stl, vtk, vtp};
+use super::{Encoding, Format};
 use crate::mesh::TriangleMesh;
-
-/// The extensions that [`write`] supports.
-pub const WRITABLE: &str = ".obj, .ply, .stl, .vtk, .vtp";
-
-/// Encoding of numbers for formats with a choice (PLY, STL and legacy VTK).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Encoding {
-    /// As bytes.
-    #[default]
-    Binary,
-    /// As text.
-    Text,
-}
 
 /// Error of [`write`].
 #[derive(Debug, thiserror::Error)]
@@ -52,52 +39,13 @@ pub fn write(
     encoding: Encoding,
 ) -> Result<usize, WriteError> {
     let file = path.display().to_string();
-    let binary = encoding == Encoding::Binary;
-    let (done, lost) = match Format::from_name(&file) {
-        Some(Format::Obj) => (obj::write(path, mesh, lines), 0),
-        Some(Format::Ply) => {
-            let encoding = if binary {
-                ply::Encoding::Little
-            } else {
-                ply::Encoding::Text
-            };
-            (ply::write(path, mesh, lines, encoding), 0)
+    let format = Format::from_name(&file).and_then(|format| format.spec().write);
+    match format {
+        Some(write) => {
+            write(path, mesh, lines, encoding).map_err(|source| WriteError::Io { file, source })
         }
-        Some(Format::StlBinary) => {
-            let encoding = if binary {
-                stl::Encoding::Binary
-            } else {
-                stl::Encoding::Text
-            };
-            (stl::write(path, mesh, encoding), lines.len())
-        }
-        Some(Format::Vtk) => {
-            let encoding = if binary {
-                vtk::Encoding::Binary
-            } else {
-                vtk::Encoding::Ascii
-            };
-            (vtk::write(path, mesh, lines, encoding), 0)
-        }
-        Some(Format::Vtp) => {
-            let (points, triangles) = (&mesh.vertices, &mesh.triangles);
-            (
-                vtp::write(
-                    path,
-                    &vtp::PolyData {
-                        points,
-                        triangles,
-                        lines,
-                        point_data: Vec::new(),
-                    },
-                ),
-                0,
-            )
-        }
-        _ => return Err(WriteError::UnknownEnding { file }),
-    };
-    done.map(|()| lost)
-        .map_err(|source| WriteError::Io { file, source })
+        None => Err(WriteError::UnknownEnding { file }),
+    }
 }
 
 #[cfg(test)]

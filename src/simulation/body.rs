@@ -1,29 +1,33 @@
 //! A muscle prepared for the simulation, with only the effects of its plan.
 
+mod builder;
+mod given;
+
 use std::sync::Arc;
 
 use nalgebra::Vector3;
 
+pub(super) use builder::Builder;
+use given::{attach, displace, forces, hold};
+
 use super::assets::Assets;
-use super::effects::MODELS;
 use super::equilibrium::Equilibrium;
 use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
-use super::ready::{Fibres, Rest};
+use super::ready::Rest;
 use super::tracked::Tracked;
 use crate::constraints::distance::Distance;
-use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
-use crate::constraints::{Potential, Quadratic};
+use crate::constraints::Potential;
 use crate::contact::untangle::Untangled;
-use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
+use crate::contact::{Contacts, PosedObstacle, Surface};
 use crate::fibres::binding::BoundLines;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
-use crate::muscles::attachments::{self, Attached};
+use crate::muscles::attachments::Attached;
 use crate::particles::Particles;
-use crate::scene::{Area, ContactEffect, Mass, Muscle, Scene};
+use crate::scene::{ContactEffect, Mass, Muscle, Scene};
 use crate::solvers::sparse::FactorError;
-use crate::solvers::{Broken, Held, Settings, System, stiffness};
+use crate::solvers::{Broken, Settings, System, stiffness};
 use crate::state::{Corrupt, Reader, State, Writer};
 
 /// Greatest speed of a muscle vertex, in muscle lengths per second.
@@ -89,83 +93,30 @@ impl Body {
         placed: &[PosedObstacle],
     ) -> Result<Self, LoadError> {
         let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
-        let mut rest = assets.ready.rest(&asset.mesh);
-        let attached = attach(scene, m, &rest, assets, placed)?;
-        let mut untangled = Untangled::default();
-        if let Some(mesh) = &plan.rest {
-            rest = assets.ready.rest(mesh);
-        } else if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
-            let clear = assets
-                .ready
-                .clear(&rest, placed, &plan.obstacles, contact.thickness);
-            (rest, untangled) = (clear.rest.clone(), clear.done);
-        }
+        let read = assets.ready.rest(&asset.mesh);
+        let attached = attach(scene, m, &read, assets, placed)?;
+        let (rest, untangled) = at_rest(scene, assets, plan, placed, read);
         let (mesh, topology) = (&rest.mesh, &*rest.topology());
-        let mut particles = Particles::at_rest(mesh.vertices.clone(), inverse_masses(muscle, mesh));
-        attached
-            .iter()
-            .for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
-        let count = mesh.vertices.len();
-        plan.fixed
-            .iter()
-            .filter(|v| (**v as usize) < count)
-            .for_each(|&v| particles.inverse_mass[v as usize] = 0.0);
-        displace(scene, m, &mut particles)?;
+        let particles = particles_at_rest(scene, m, mesh, &attached, plan)?;
         let length = mesh.length();
-        let numbering = &*rest.numbering();
-        let mut system =
-            System::new(particles, settings(scene, length)).with_numbering(numbering.clone());
+        let mut system = System::new(particles, settings(scene, length))
+            .with_numbering((*rest.numbering()).clone());
         let (edges, edge_stiffness) =
             edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
         let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
         let fibres = rest.fibres(&asset.fibres, &points);
-        let loaded = loaded_vertices(muscle);
-        let rest_volume = if topology.is_closed() {
-            mesh.volume()
-        } else {
-            0.0
-        };
-        let pressure = scene.effects.volume.map_or(1.0, |v| v.pressure);
-        let target_volume = if plan.runs("volume") {
-            pressure * rest_volume
-        } else {
-            0.0
-        };
         system.held = hold(&attached, mesh, placed);
-        system.forces = forces(scene, m, count)?;
-        let mut builder = Builder {
-            scene,
-            muscle,
-            plan,
-            rest: &rest,
-            edges: &edges,
-            edge_stiffness: &edge_stiffness,
-            fibres: &fibres,
-            loaded: &loaded,
-            target_volume,
-            rest_volume,
-            volume: None,
-            elastic: Vec::new(),
-            potentials: Vec::new(),
-        };
+        system.forces = forces(scene, m, mesh.vertices.len())?;
+        let mut builder = Builder::new(scene, m, plan, &rest, &edges, &edge_stiffness, &fibres);
         builder.build();
-        let Builder {
-            volume,
-            elastic,
-            potentials,
-            ..
-        } = builder;
-        (system.volume, system.elastic) = (volume, elastic);
-        let method =
-            method(scene, &mut system, potentials).map_err(|error| unsolvable(scene, m, error))?;
+        let (rest_volume, target_volume) = (builder.rest_volume, builder.target_volume);
+        (system.volume, system.elastic) = (builder.volume, builder.elastic);
+        let method = method(scene, &mut system, builder.potentials)
+            .map_err(|error| unsolvable(scene, m, error))?;
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
-            system.contacts = Some(contacts(
-                &rest,
-                &system.particles,
-                placed,
-                &plan.obstacles,
-                contact,
-            ));
+            let obstacles = &plan.obstacles;
+            let found = contacts(&rest, &system.particles, placed, obstacles, contact);
+            system.contacts = Some(found);
         }
         let lengths = edges.iter().map(|e| e.rest).collect();
         Ok(Self {
@@ -369,6 +320,49 @@ fn same_bits(a: &Particles, b: &Particles) -> bool {
     positions && a.velocity.iter().zip(&b.velocity).all(|(a, b)| same(a, b))
 }
 
+/// The shape at rest: that of the plan, or as `read` without its overlap with bones.
+fn at_rest(
+    scene: &Scene,
+    assets: &Assets,
+    plan: &MusclePlan,
+    placed: &[PosedObstacle],
+    read: Arc<Rest>,
+) -> (Arc<Rest>, Untangled) {
+    if let Some(mesh) = &plan.rest {
+        return (assets.ready.rest(mesh), Untangled::default());
+    }
+    match scene.effects.contact {
+        Some(contact) if !plan.obstacles.is_empty() => {
+            let (obstacles, thickness) = (&plan.obstacles, contact.thickness);
+            let clear = assets.ready.clear(&read, placed, obstacles, thickness);
+            (clear.rest.clone(), clear.done)
+        }
+        _ => (read, Untangled::default()),
+    }
+}
+
+/// The particles at the start: those that are held or fixed have no inverse mass.
+fn particles_at_rest(
+    scene: &Scene,
+    m: usize,
+    mesh: &TriangleMesh,
+    attached: &[Attached],
+    plan: &MusclePlan,
+) -> Result<Particles, LoadError> {
+    let masses = inverse_masses(&scene.muscles[m], mesh);
+    let mut particles = Particles::at_rest(mesh.vertices.clone(), masses);
+    for &(vertex, _) in attached {
+        particles.inverse_mass[vertex as usize] = 0.0;
+    }
+    for &vertex in &plan.fixed {
+        if let Some(inverse) = particles.inverse_mass.get_mut(vertex as usize) {
+            *inverse = 0.0;
+        }
+    }
+    displace(scene, m, &mut particles)?;
+    Ok(particles)
+}
+
 /// Contact at the start; the nearest points are already known, unless vertices are displaced.
 fn contacts(
     rest: &Rest,
@@ -455,80 +449,6 @@ fn edges_of(
     (edges, k)
 }
 
-/// A muscle whose effects are being built: each effect reads what the muscle is made of and adds a part.
-pub(super) struct Builder<'a> {
-    pub scene: &'a Scene,
-    pub muscle: &'a Muscle,
-    pub plan: &'a MusclePlan,
-    pub rest: &'a Rest,
-    pub edges: &'a [Distance],
-    /// Stiffness of the edges [N/m].
-    pub edge_stiffness: &'a [f64],
-    pub fibres: &'a Fibres,
-    /// Vertices that forces or displacements act on.
-    loaded: &'a [u32],
-    /// Volume to keep [m^3].
-    pub target_volume: f64,
-    /// Volume at rest [m^3].
-    pub rest_volume: f64,
-    /// The enclosed volume, where it is kept.
-    pub volume: Option<EnclosedVolume>,
-    /// Constraints of a solver that sweeps.
-    elastic: Vec<Box<dyn Project>>,
-    /// Energies of a solver that minimises.
-    potentials: Vec<Box<dyn Potential>>,
-}
-
-impl Builder<'_> {
-    fn build(&mut self) {
-        for model in &MODELS {
-            if let Some(build) = model.build.filter(|_| self.plan.runs(model.key)) {
-                build(self);
-            }
-        }
-    }
-
-    /// Adds constraints with their stiffness, as batch or as energy, whichever the solver takes.
-    pub fn add<C: Constraint<K> + 'static, const K: usize>(
-        &mut self,
-        constraints: Vec<C>,
-        stiffness: Vec<f64>,
-    ) {
-        if self.scene.solver.minimisation().is_none() {
-            let compliance = stiffness::compliance(&stiffness);
-            let batch = self.batch(constraints, compliance);
-            self.elastic.push(Box::new(batch));
-        } else if !constraints.is_empty() {
-            let energy = Quadratic::<C, K>::new(constraints, stiffness);
-            self.potentials.push(Box::new(energy));
-        }
-    }
-
-    /// Adds constraints that are projected by a share of their own, 0..1, each.
-    pub fn add_relaxed<C: Constraint<K> + 'static, const K: usize>(
-        &mut self,
-        constraints: Vec<C>,
-        relaxation: &[f64],
-    ) {
-        let compliance = vec![0.0; constraints.len()];
-        let batch = self.batch(constraints, compliance);
-        self.elastic
-            .push(Box::new(batch.with_relaxation(relaxation)));
-    }
-
-    fn batch<C: Constraint<K>, const K: usize>(
-        &self,
-        constraints: Vec<C>,
-        compliance: Vec<f64>,
-    ) -> Batch<C, K> {
-        let count = self.rest.mesh.vertices.len();
-        let numbering = self.rest.numbering();
-        let order = self.scene.solver.order();
-        let particles = (&*numbering, count);
-        Batch::numbered(constraints, compliance, order, particles, self.loaded)
-    }
-}
-
 /// The method of the scene's solver.
 fn method(
     scene: &Scene,
@@ -553,111 +473,6 @@ fn method(
     Ok(Stepper::Minimum(Box::new(made)))
 }
 
-fn attach(
-    scene: &Scene,
-    m: usize,
-    rest: &Rest,
-    assets: &Assets,
-    placed: &[PosedObstacle],
-) -> Result<Vec<Attached>, LoadError> {
-    let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
-    let mut choices = Vec::new();
-    for (a, (attachment, patch)) in muscle
-        .attachments
-        .iter()
-        .zip(&assets.patches[m])
-        .enumerate()
-    {
-        let bone = attachment.bone;
-        let part = || {
-            format!(
-                "attachment of muscle `{}` to `{}`",
-                muscle.name, placed[bone].name
-            )
-        };
-        let key = format!("muscle.{m}.attachment.{a}");
-        let obstacle = match patch {
-            Some(patch) => assets.ready.surface(patch) as Arc<dyn Obstacle>,
-            None => placed[bone].obstacle.clone(),
-        };
-        let near = || rest.near(&obstacle, &placed[bone].now);
-        let found = match (&attachment.area, patch) {
-            (Area::Vertices(list), _) => {
-                check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some()).map_err(
-                    |(at, fault)| {
-                        LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault)
-                    },
-                )?;
-                list.clone()
-            }
-            (Area::Near(within), _) => {
-                attachments::among(&near().closest, true, *within, attachment.limit)
-            }
-            (Area::Patch { within, .. }, Some(_)) => {
-                attachments::among(&near().closest, false, *within, attachment.limit)
-            }
-            (Area::Patch { .. }, None) => Vec::new(),
-        };
-        if found.is_empty() {
-            let near = near();
-            let distances = near.closest.iter().flatten().map(|c| c.distance.abs());
-            let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
-            let area = if patch.is_some() { "within" } else { "near" };
-            let fault = Fault::NothingAttached { nearest_mm };
-            return Err(LoadError::new(
-                scene,
-                &format!("{key}.{area}"),
-                part(),
-                fault,
-            ));
-        }
-        choices.push((bone, found));
-    }
-    let attached = attachments::join(&choices);
-    let count = mesh.vertices.len();
-    // A body of few points (the tetrahedron scenes) can be held deliberately.
-    if attached.len() as f64 > scene.most_held * count as f64 && count > 100 {
-        let fault = Fault::TooManyAttached {
-            held: attached.len(),
-            count,
-        };
-        return Err(LoadError::new(
-            scene,
-            &format!("muscle.{m}.attachment"),
-            format!("muscle `{}`", muscle.name),
-            fault,
-        ));
-    }
-    Ok(attached)
-}
-
-/// Rejects an index beyond the mesh, with its position in the list.
-fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize, Fault)> {
-    match list.iter().position(|&v| v as usize >= count) {
-        Some(at) => Err((
-            at,
-            Fault::NoSuchVertex {
-                index: list[at],
-                count,
-                refined,
-            },
-        )),
-        None => Ok(()),
-    }
-}
-
-fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[PosedObstacle]) -> Vec<Held> {
-    let local = |v: u32, bone: usize| placed[bone].now.inverse() * mesh.vertices[v as usize];
-    attached
-        .iter()
-        .map(|&(vertex, bone)| Held {
-            vertex,
-            bone,
-            local: local(vertex, bone),
-        })
-        .collect()
-}
-
 fn inverse_masses(muscle: &Muscle, mesh: &TriangleMesh) -> Vec<f64> {
     let count = mesh.vertices.len();
     match muscle.material.mass {
@@ -680,52 +495,4 @@ fn inverse_masses(muscle: &Muscle, mesh: &TriangleMesh) -> Vec<f64> {
                 .collect()
         }
     }
-}
-
-fn loaded_vertices(muscle: &Muscle) -> Vec<u32> {
-    let forces = muscle.forces.iter().flat_map(|f| &f.vertices);
-    let displaced = muscle.displacements.iter().flat_map(|d| &d.vertices);
-    forces.chain(displaced).copied().collect()
-}
-
-fn displace(scene: &Scene, m: usize, particles: &mut Particles) -> Result<(), LoadError> {
-    let (muscle, count) = (&scene.muscles[m], particles.len());
-    for (d, displacement) in muscle.displacements.iter().enumerate() {
-        check_indices(&displacement.vertices, count, muscle.edge_length.is_some()).map_err(
-            |(at, fault)| {
-                let key = format!("muscle.{m}.displace.{d}.vertices.{at}");
-                LoadError::new(
-                    scene,
-                    &key,
-                    format!("displacement of muscle `{}`", muscle.name),
-                    fault,
-                )
-            },
-        )?;
-        displacement
-            .vertices
-            .iter()
-            .for_each(|&v| particles.position[v as usize] += displacement.by);
-    }
-    Ok(())
-}
-
-fn forces(scene: &Scene, m: usize, count: usize) -> Result<Vec<(u32, Vector3<f64>)>, LoadError> {
-    let muscle = &scene.muscles[m];
-    let mut all = Vec::new();
-    for (f, force) in muscle.forces.iter().enumerate() {
-        check_indices(&force.vertices, count, muscle.edge_length.is_some()).map_err(
-            |(at, fault)| {
-                let key = format!("muscle.{m}.force.{f}.vertices.{at}");
-                LoadError::new(
-                    scene,
-                    &key,
-                    format!("force on muscle `{}`", muscle.name),
-                    fault,
-                )
-            },
-        )?;
-        all.extend(force.vertices.iter().map(|&v| (v, force.force)));
-    }
-    Ok(all)
 }

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use crate::io::{MeshFile, Place, ReadError, read_bytes};
+use crate::io::{FORMATS, MeshFile, Place, ReadError, read_bytes};
 use crate::mesh::TriangleMesh;
 use crate::scene::content::Content;
 use crate::scene::{SceneError, Surroundings, parse_content};
@@ -18,60 +18,36 @@ const LONGEST_TOKEN: usize = 64;
 const LONGEST_TEXT: usize = 2000;
 
 /// A reader with the name and first bytes of its files.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Loader {
     /// Name of the fuzz target, of its dictionary and of the folder of its crashes.
     pub name: &'static str,
     /// Name of a file of the format.
-    pub file: &'static str,
+    pub file: String,
     /// First bytes of files of the format; other bytes get the last of these as a prefix, so that
     /// they reach this reader.
     pub starts: &'static [&'static [u8]],
 }
 
-/// Every reader; for `any` the content decides on the format.
-pub const LOADERS: [Loader; 8] = [
-    Loader {
-        name: "obj",
-        file: "a.obj",
-        starts: &[b"v", b"f", b"l", b"o\n"],
-    },
-    Loader {
-        name: "ply",
-        file: "a.ply",
-        starts: &[b"ply\n"],
-    },
-    Loader {
-        name: "stl",
-        file: "a.stl",
-        starts: &[b""],
-    },
-    Loader {
-        name: "off",
-        file: "a.off",
-        starts: &[b"#", b"ST", b"C", b"N", b"n", b"4", b"OFF"],
-    },
-    Loader {
-        name: "vtk",
-        file: "a.vtk",
-        starts: &[b"# vtk DataFile Version "],
-    },
-    Loader {
-        name: "vtp",
-        file: "a.vtp",
-        starts: &[b"<?xml", b"<!--", b"<VTKFile"],
-    },
-    Loader {
-        name: "directx",
-        file: "a.x",
-        starts: &[b"xof "],
-    },
-    Loader {
+/// Every reader of [`FORMATS`], and `any`, which leaves the format to the content.
+pub fn loaders() -> Vec<Loader> {
+    let mut all: Vec<Loader> = Vec::new();
+    for spec in &FORMATS {
+        if all.iter().all(|loader| loader.name != spec.target) {
+            all.push(Loader {
+                name: spec.target,
+                file: format!("a.{}", spec.ending),
+                starts: spec.starts,
+            });
+        }
+    }
+    all.push(Loader {
         name: "any",
-        file: "a",
+        file: "a".to_owned(),
         starts: &[b""],
-    },
-];
+    });
+    all
+}
 
 /// Kinds of broken promises.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -135,7 +111,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
         "state" => super::restoring::check_state(bytes),
         "springs" => super::spring_files::check_spring_file(bytes),
         "pvd" => super::collections::check_collection(bytes),
-        _ => match LOADERS.iter().find(|loader| loader.name == name) {
+        _ => match loaders().iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),
             None => Err(Breach::Unknown {
                 name: name.to_owned(),
@@ -149,7 +125,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
 /// # Errors
 /// The first broken promise.
 pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<Outcome, Breach> {
-    let read = |bytes: &[u8]| check_reader(bytes, |bytes| read_bytes(bytes, loader.file));
+    let read = |bytes: &[u8]| check_reader(bytes, |bytes| read_bytes(bytes, &loader.file));
     if let (Some(start), false) = (
         loader.starts.last(),
         loader.starts.iter().any(|start| bytes.starts_with(start)),

@@ -27,7 +27,7 @@ pub use controls::{Broken, CONTROLS};
 pub use draw::Draw;
 pub use dual::{Dual, Tracked};
 pub use loaders::{
-    Breach, LOADERS, Loader, Outcome, check_loader, check_reader, check_scene, check_target,
+    Breach, Loader, Outcome, check_loader, check_reader, check_scene, check_target, loaders,
 };
 pub use mending::{check_repair, check_repaired};
 pub use mutations::{Mutator, dictionary};

@@ -1,6 +1,7 @@
 //! Small generated files of every format and dialect: the start of fuzzing and mutations.
 
 use super::blocks::base64;
+use crate::io::FORMATS;
 use crate::scene::builtin::BUILTIN;
 
 /// Two triangles that share an edge.
@@ -25,9 +26,9 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "vtp" => vtp(),
         "directx" => directx(),
         "any" => {
-            let all = ["obj", "ply", "stl", "off", "vtk", "vtp", "directx"]
-                .iter()
-                .flat_map(|t| seeds(t));
+            let mut targets: Vec<&str> = FORMATS.iter().map(|spec| spec.target).collect();
+            targets.dedup();
+            let all = targets.into_iter().flat_map(seeds);
             // OFF without its keyword is recognised by its name alone.
             all.filter(|seed| !seed[0].is_ascii_digit()).collect()
         }
@@ -41,8 +42,17 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "state" => super::restoring::states(),
         "springs" => springs(),
         "pvd" => collections(),
-        _ => Vec::new(),
+        _ => samples(target),
     }
+}
+
+/// The samples of the formats of a target.
+fn samples(target: &str) -> Vec<Vec<u8>> {
+    FORMATS
+        .iter()
+        .filter(|spec| spec.target == target && !spec.sample.is_empty())
+        .map(|spec| spec.sample.to_vec())
+        .collect()
 }
 
 fn springs() -> Vec<Vec<u8>> {
@@ -479,17 +489,17 @@ fn repair() -> Vec<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Outcome, check_target};
+    use super::super::{Outcome, check_target, loaders};
     use super::*;
 
     /// A seed that no reader accepts would only exercise rejections.
     #[test]
     fn every_seed_is_a_mesh_or_a_scene() {
-        let targets = [
-            "obj", "ply", "stl", "off", "vtk", "vtp", "directx", "any", "blocks", "scene", "write",
-            "repair", "state",
-        ];
-        for target in targets {
+        let others = ["blocks", "scene", "write", "repair", "state"];
+        let loaders = loaders();
+        assert_eq!(loaders.len(), 8);
+        let readers = loaders.iter().map(|loader| loader.name);
+        for target in readers.chain(others) {
             let seeds = seeds(target);
             assert!(!seeds.is_empty(), "{target}");
             for seed in seeds {

@@ -86,7 +86,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
             let hint = match error {
                 WriteError::UnknownEnding { .. } => {
-                    format!("end the name in one of {}", io::WRITABLE)
+                    format!("end the name in one of {}", io::writable())
                 }
                 WriteError::Io { .. } => {
                     "check the folder and whether you may write there".to_owned()

@@ -200,7 +200,7 @@ pub(super) fn check(
         Err(error) => {
             return failed(Failure::usage(
                 error.to_string(),
-                format!("repair into another folder or format: {}", io::WRITABLE),
+                format!("repair into another folder or format: {}", io::writable()),
             ));
         }
     };

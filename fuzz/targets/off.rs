@@ -1,3 +1,0 @@
-#![no_main]
-use libfuzzer_sys::fuzz_target;
-fuzz_target!(init: pliant_fuzz::begin("off"), |bytes: &[u8]| pliant_fuzz::run("off", bytes));

@@ -1,0 +1,124 @@
+//! The parts of a muscle that its effects add.
+
+use crate::constraints::distance::Distance;
+use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
+use crate::scene::{Muscle, Scene};
+use crate::simulation::effects::MODELS;
+use crate::simulation::plan::MusclePlan;
+use crate::simulation::ready::{Fibres, Rest};
+use crate::constraints::{Potential, Quadratic};
+use crate::solvers::stiffness;
+
+/// A muscle whose effects are being built: each effect reads what the muscle is made of and adds a part.
+pub(in crate::simulation) struct Builder<'a> {
+    pub scene: &'a Scene,
+    pub muscle: &'a Muscle,
+    pub plan: &'a MusclePlan,
+    pub rest: &'a Rest,
+    pub edges: &'a [Distance],
+    /// Stiffness of the edges [N/m].
+    pub edge_stiffness: &'a [f64],
+    pub fibres: &'a Fibres,
+    /// Vertices that forces or displacements act on.
+    loaded: Vec<u32>,
+    /// Volume to keep [m^3].
+    pub target_volume: f64,
+    /// Volume at rest [m^3].
+    pub rest_volume: f64,
+    /// The enclosed volume, where it is kept.
+    pub volume: Option<EnclosedVolume>,
+    /// Constraints of a solver that sweeps.
+    pub elastic: Vec<Box<dyn Project>>,
+    /// Energies of a solver that minimises.
+    pub potentials: Vec<Box<dyn Potential>>,
+}
+
+impl<'a> Builder<'a> {
+    /// A muscle to which no effect has added its part.
+    pub fn new(
+        scene: &'a Scene,
+        m: usize,
+        plan: &'a MusclePlan,
+        rest: &'a Rest,
+        edges: &'a [Distance],
+        edge_stiffness: &'a [f64],
+        fibres: &'a Fibres,
+    ) -> Self {
+        let muscle = &scene.muscles[m];
+        let is_closed = rest.topology().is_closed();
+        let rest_volume = if is_closed { rest.mesh.volume() } else { 0.0 };
+        let pressure = scene.effects.volume.map_or(1.0, |v| v.pressure);
+        let is_kept = plan.runs("volume");
+        let target_volume = if is_kept { pressure * rest_volume } else { 0.0 };
+        Self {
+            scene,
+            muscle,
+            plan,
+            rest,
+            edges,
+            edge_stiffness,
+            fibres,
+            loaded: loaded_vertices(muscle),
+            target_volume,
+            rest_volume,
+            volume: None,
+            elastic: Vec::new(),
+            potentials: Vec::new(),
+        }
+    }
+
+    /// Adds the part of each effect that runs.
+    pub fn build(&mut self) {
+        for model in &MODELS {
+            if let Some(build) = model.build.filter(|_| self.plan.runs(model.key)) {
+                build(self);
+            }
+        }
+    }
+
+    /// Adds constraints with their stiffness, as batch or as energy, whichever the solver takes.
+    pub fn add<C: Constraint<K> + 'static, const K: usize>(
+        &mut self,
+        constraints: Vec<C>,
+        stiffness: Vec<f64>,
+    ) {
+        if self.scene.solver.minimisation().is_none() {
+            let compliance = stiffness::compliance(&stiffness);
+            let batch = self.batch(constraints, compliance);
+            self.elastic.push(Box::new(batch));
+        } else if !constraints.is_empty() {
+            let energy = Quadratic::<C, K>::new(constraints, stiffness);
+            self.potentials.push(Box::new(energy));
+        }
+    }
+
+    /// Adds constraints that are projected by a share of their own, 0..1, each.
+    pub fn add_relaxed<C: Constraint<K> + 'static, const K: usize>(
+        &mut self,
+        constraints: Vec<C>,
+        relaxation: &[f64],
+    ) {
+        let compliance = vec![0.0; constraints.len()];
+        let batch = self.batch(constraints, compliance);
+        self.elastic
+            .push(Box::new(batch.with_relaxation(relaxation)));
+    }
+
+    fn batch<C: Constraint<K>, const K: usize>(
+        &self,
+        constraints: Vec<C>,
+        compliance: Vec<f64>,
+    ) -> Batch<C, K> {
+        let count = self.rest.mesh.vertices.len();
+        let numbering = self.rest.numbering();
+        let order = self.scene.solver.order();
+        let particles = (&*numbering, count);
+        Batch::numbered(constraints, compliance, order, particles, &self.loaded)
+    }
+}
+
+fn loaded_vertices(muscle: &Muscle) -> Vec<u32> {
+    let forces = muscle.forces.iter().flat_map(|f| &f.vertices);
+    let displaced = muscle.displacements.iter().flat_map(|d| &d.vertices);
+    forces.chain(displaced).copied().collect()
+}

@@ -1,0 +1,170 @@
+//! What a scene gives at the vertices of a muscle: attachments, forces, displacements.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+
+use crate::contact::{Obstacle, PosedObstacle};
+use crate::mesh::TriangleMesh;
+use crate::muscles::attachments::{self, Attached};
+use crate::particles::Particles;
+use crate::scene::{Area, Scene};
+use crate::simulation::assets::Assets;
+use crate::simulation::fault::{Fault, LoadError};
+use crate::simulation::ready::Rest;
+use crate::solvers::Held;
+
+pub(super) fn attach(
+    scene: &Scene,
+    m: usize,
+    rest: &Rest,
+    assets: &Assets,
+    placed: &[PosedObstacle],
+) -> Result<Vec<Attached>, LoadError> {
+    let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
+    let mut choices = Vec::new();
+    for (a, (attachment, patch)) in muscle
+        .attachments
+        .iter()
+        .zip(&assets.patches[m])
+        .enumerate()
+    {
+        let bone = attachment.bone;
+        let part = || {
+            format!(
+                "attachment of muscle `{}` to `{}`",
+                muscle.name, placed[bone].name
+            )
+        };
+        let key = format!("muscle.{m}.attachment.{a}");
+        let obstacle = match patch {
+            Some(patch) => assets.ready.surface(patch) as Arc<dyn Obstacle>,
+            None => placed[bone].obstacle.clone(),
+        };
+        let near = || rest.near(&obstacle, &placed[bone].now);
+        let found = match (&attachment.area, patch) {
+            (Area::Vertices(list), _) => {
+                check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some()).map_err(
+                    |(at, fault)| {
+                        LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault)
+                    },
+                )?;
+                list.clone()
+            }
+            (Area::Near(within), _) => {
+                attachments::among(&near().closest, true, *within, attachment.limit)
+            }
+            (Area::Patch { within, .. }, Some(_)) => {
+                attachments::among(&near().closest, false, *within, attachment.limit)
+            }
+            (Area::Patch { .. }, None) => Vec::new(),
+        };
+        if found.is_empty() {
+            let near = near();
+            let distances = near.closest.iter().flatten().map(|c| c.distance.abs());
+            let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
+            let area = if patch.is_some() { "within" } else { "near" };
+            let fault = Fault::NothingAttached { nearest_mm };
+            return Err(LoadError::new(
+                scene,
+                &format!("{key}.{area}"),
+                part(),
+                fault,
+            ));
+        }
+        choices.push((bone, found));
+    }
+    let attached = attachments::join(&choices);
+    let count = mesh.vertices.len();
+    // A handful of points (the tetrahedron scenes) may be held by choice.
+    if attached.len() as f64 > scene.most_held * count as f64 && count > 100 {
+        let fault = Fault::TooManyAttached {
+            held: attached.len(),
+            count,
+        };
+        return Err(LoadError::new(
+            scene,
+            &format!("muscle.{m}.attachment"),
+            format!("muscle `{}`", muscle.name),
+            fault,
+        ));
+    }
+    Ok(attached)
+}
+
+/// Refuses an index beyond the mesh, with its number in the list.
+fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize, Fault)> {
+    match list.iter().position(|&v| v as usize >= count) {
+        Some(at) => Err((
+            at,
+            Fault::NoSuchVertex {
+                index: list[at],
+                count,
+                refined,
+            },
+        )),
+        None => Ok(()),
+    }
+}
+
+pub(super) fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[PosedObstacle]) -> Vec<Held> {
+    let local = |v: u32, bone: usize| placed[bone].now.inverse() * mesh.vertices[v as usize];
+    attached
+        .iter()
+        .map(|&(vertex, bone)| Held {
+            vertex,
+            bone,
+            local: local(vertex, bone),
+        })
+        .collect()
+}
+
+pub(super) fn displace(
+    scene: &Scene,
+    m: usize,
+    particles: &mut Particles,
+) -> Result<(), LoadError> {
+    let (muscle, count) = (&scene.muscles[m], particles.len());
+    for (d, displacement) in muscle.displacements.iter().enumerate() {
+        check_indices(&displacement.vertices, count, muscle.edge_length.is_some()).map_err(
+            |(at, fault)| {
+                let key = format!("muscle.{m}.displace.{d}.vertices.{at}");
+                LoadError::new(
+                    scene,
+                    &key,
+                    format!("displacement of muscle `{}`", muscle.name),
+                    fault,
+                )
+            },
+        )?;
+        displacement
+            .vertices
+            .iter()
+            .for_each(|&v| particles.position[v as usize] += displacement.by);
+    }
+    Ok(())
+}
+
+pub(super) fn forces(
+    scene: &Scene,
+    m: usize,
+    count: usize,
+) -> Result<Vec<(u32, Vector3<f64>)>, LoadError> {
+    let muscle = &scene.muscles[m];
+    let mut all = Vec::new();
+    for (f, force) in muscle.forces.iter().enumerate() {
+        check_indices(&force.vertices, count, muscle.edge_length.is_some()).map_err(
+            |(at, fault)| {
+                let key = format!("muscle.{m}.force.{f}.vertices.{at}");
+                LoadError::new(
+                    scene,
+                    &key,
+                    format!("force on muscle `{}`", muscle.name),
+                    fault,
+                )
+            },
+        )?;
+        all.extend(force.vertices.iter().map(|&v| (v, force.force)));
+    }
+    Ok(all)
+}
