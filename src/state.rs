@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 /// Bytes that are no state of what they are read into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("byte {at} of the state: {what}")]
-pub struct Corrupt {
+pub struct DecodeError {
     /// Where the reader was, from the begin of the state.
     pub at: usize,
     /// What is wrong there.
@@ -25,20 +25,20 @@ pub trait State {
     ///
     /// # Errors
     /// The bytes are no such state; `self` is then of no use any more.
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt>;
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError>;
 }
 
 /// A value that can be made from its bytes alone.
 pub trait Value: Sized {
     /// Bytes that it takes at least; not zero.
-    const LEAST: usize;
+    const MIN_BYTES: usize;
     /// Appends its bytes.
-    fn put(&self, to: &mut Writer);
+    fn encode(&self, to: &mut Writer);
     /// Takes it.
     ///
     /// # Errors
     /// The bytes end, or are no such value.
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt>;
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError>;
 }
 
 /// Bytes to which state is appended.
@@ -51,13 +51,13 @@ pub struct Writer {
 impl Writer {
     /// Appends a value.
     pub fn put(&mut self, value: &impl Value) {
-        value.put(self);
+        value.encode(self);
     }
 
     /// Appends a list.
     pub fn list<T: Value>(&mut self, values: &[T]) {
         self.put(&values.len());
-        values.iter().for_each(|value| value.put(self));
+        values.iter().for_each(|value| value.encode(self));
     }
 }
 
@@ -75,15 +75,15 @@ impl<'a> Reader<'a> {
     }
 
     /// An error at this place.
-    pub fn corrupt(&self, what: &'static str) -> Corrupt {
-        Corrupt { at: self.at, what }
+    pub fn corrupt(&self, what: &'static str) -> DecodeError {
+        DecodeError { at: self.at, what }
     }
 
     /// `Ok` where something holds, else an error at this place.
     ///
     /// # Errors
     /// It does not hold.
-    pub fn check(&self, holds: bool, what: &'static str) -> Result<(), Corrupt> {
+    pub fn check(&self, holds: bool, what: &'static str) -> Result<(), DecodeError> {
         if holds {
             Ok(())
         } else {
@@ -95,7 +95,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// There are fewer.
-    pub fn slice(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
+    pub fn slice(&mut self, count: usize) -> Result<&'a [u8], DecodeError> {
         let (head, rest) = self
             .rest
             .split_at_checked(count)
@@ -105,7 +105,7 @@ impl<'a> Reader<'a> {
         Ok(head)
     }
 
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], Corrupt> {
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
         let mut array = [0; N];
         array.copy_from_slice(self.slice(N)?);
         Ok(array)
@@ -115,12 +115,12 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// There is none.
-    pub fn take<T: Value>(&mut self) -> Result<T, Corrupt> {
-        T::take(self)
+    pub fn take<T: Value>(&mut self) -> Result<T, DecodeError> {
+        T::decode(self)
     }
 
     /// The length of a list of values of at least `least` bytes each, of which all can be there.
-    fn length(&mut self, least: usize) -> Result<usize, Corrupt> {
+    fn length(&mut self, least: usize) -> Result<usize, DecodeError> {
         let count = self.take::<usize>()?;
         self.check(count <= self.rest.len() / least, "more entries than bytes")?;
         Ok(count)
@@ -130,8 +130,8 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// Another length, or no such values.
-    pub fn fill<T: Value>(&mut self, values: &mut [T]) -> Result<(), Corrupt> {
-        let count = self.length(T::LEAST)?;
+    pub fn fill<T: Value>(&mut self, values: &mut [T]) -> Result<(), DecodeError> {
+        let count = self.length(T::MIN_BYTES)?;
         self.check(count == values.len(), "a list of another length")?;
         for value in values {
             *value = self.take()?;
@@ -143,7 +143,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// Another length, or no such values.
-    pub fn exactly<T: Value>(&mut self, count: usize) -> Result<Vec<T>, Corrupt> {
+    pub fn exactly<T: Value>(&mut self, count: usize) -> Result<Vec<T>, DecodeError> {
         let values = self.take::<Vec<T>>()?;
         self.check(values.len() == count, "a list of another length")?;
         Ok(values)
@@ -153,7 +153,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// Something is.
-    pub fn end(self) -> Result<(), Corrupt> {
+    pub fn end(self) -> Result<(), DecodeError> {
         self.check(self.rest.is_empty(), "bytes behind the end")
     }
 }
@@ -161,11 +161,11 @@ impl<'a> Reader<'a> {
 macro_rules! numbers {
     ($($kind:ty),*) => {$(
         impl Value for $kind {
-            const LEAST: usize = size_of::<$kind>();
-            fn put(&self, to: &mut Writer) {
+            const MIN_BYTES: usize = size_of::<$kind>();
+            fn encode(&self, to: &mut Writer) {
                 to.bytes.extend_from_slice(&self.to_le_bytes());
             }
-            fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+            fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
                 Ok(Self::from_le_bytes(from.array()?))
             }
         }
@@ -175,23 +175,23 @@ macro_rules! numbers {
 numbers!(u8, u32, u64, u128, f64);
 
 impl Value for usize {
-    const LEAST: usize = 8;
-    fn put(&self, to: &mut Writer) {
-        (*self as u64).put(to);
+    const MIN_BYTES: usize = 8;
+    fn encode(&self, to: &mut Writer) {
+        (*self as u64).encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let number: u64 = from.take()?;
         usize::try_from(number).map_err(|_| from.corrupt("a number too large for this machine"))
     }
 }
 
 impl Value for bool {
-    const LEAST: usize = 1;
-    fn put(&self, to: &mut Writer) {
-        u8::from(*self).put(to);
+    const MIN_BYTES: usize = 1;
+    fn encode(&self, to: &mut Writer) {
+        u8::from(*self).encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        match u8::take(from)? {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        match u8::decode(from)? {
             0 => Ok(false),
             1 => Ok(true),
             _ => Err(from.corrupt("neither yes nor no")),
@@ -200,12 +200,12 @@ impl Value for bool {
 }
 
 impl<T: Value, const N: usize> Value for [T; N] {
-    const LEAST: usize = T::LEAST * N;
-    fn put(&self, to: &mut Writer) {
-        self.iter().for_each(|value| value.put(to));
+    const MIN_BYTES: usize = T::MIN_BYTES * N;
+    fn encode(&self, to: &mut Writer) {
+        self.iter().for_each(|value| value.encode(to));
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        let values: Vec<T> = (0..N).map(|_| T::take(from)).collect::<Result<_, _>>()?;
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        let values: Vec<T> = (0..N).map(|_| T::decode(from)).collect::<Result<_, _>>()?;
         // As many were taken as are wanted.
         values
             .try_into()
@@ -214,45 +214,45 @@ impl<T: Value, const N: usize> Value for [T; N] {
 }
 
 impl Value for Vector3<f64> {
-    const LEAST: usize = 24;
-    fn put(&self, to: &mut Writer) {
-        self.iter().for_each(|c| c.put(to));
+    const MIN_BYTES: usize = 24;
+    fn encode(&self, to: &mut Writer) {
+        self.iter().for_each(|c| c.encode(to));
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self::new(from.take()?, from.take()?, from.take()?))
     }
 }
 
 impl Value for Point3<f64> {
-    const LEAST: usize = 24;
-    fn put(&self, to: &mut Writer) {
-        self.coords.put(to);
+    const MIN_BYTES: usize = 24;
+    fn encode(&self, to: &mut Writer) {
+        self.coords.encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self::from(from.take::<Vector3<f64>>()?))
     }
 }
 
 impl<A: Value, B: Value> Value for (A, B) {
-    const LEAST: usize = A::LEAST + B::LEAST;
-    fn put(&self, to: &mut Writer) {
-        self.0.put(to);
-        self.1.put(to);
+    const MIN_BYTES: usize = A::MIN_BYTES + B::MIN_BYTES;
+    fn encode(&self, to: &mut Writer) {
+        self.0.encode(to);
+        self.1.encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok((from.take()?, from.take()?))
     }
 }
 
 impl<T: Value> Value for Option<T> {
-    const LEAST: usize = 1;
-    fn put(&self, to: &mut Writer) {
-        self.is_some().put(to);
+    const MIN_BYTES: usize = 1;
+    fn encode(&self, to: &mut Writer) {
+        self.is_some().encode(to);
         if let Some(value) = self {
-            value.put(to);
+            value.encode(to);
         }
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(if from.take()? {
             Some(from.take()?)
         } else {
@@ -262,12 +262,12 @@ impl<T: Value> Value for Option<T> {
 }
 
 impl<T: Value> Value for Vec<T> {
-    const LEAST: usize = 8;
-    fn put(&self, to: &mut Writer) {
+    const MIN_BYTES: usize = 8;
+    fn encode(&self, to: &mut Writer) {
         to.list(self);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        let count = from.length(T::LEAST)?;
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        let count = from.length(T::MIN_BYTES)?;
         let mut values = Self::with_capacity(count);
         for _ in 0..count {
             values.push(from.take()?);
@@ -277,12 +277,12 @@ impl<T: Value> Value for Vec<T> {
 }
 
 impl Value for String {
-    const LEAST: usize = 8;
-    fn put(&self, to: &mut Writer) {
-        self.len().put(to);
+    const MIN_BYTES: usize = 8;
+    fn encode(&self, to: &mut Writer) {
+        self.len().encode(to);
         to.bytes.extend_from_slice(self.as_bytes());
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let count = from.length(1)?;
         let bytes = from.slice(count)?;
         std::str::from_utf8(bytes)

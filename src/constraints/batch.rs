@@ -11,7 +11,7 @@ use super::order::{Order, Schedule, schedule};
 use super::projection::{Span, Sweep, Swept};
 use crate::mesh::measures::greatest;
 use crate::particles::{Numbering, Packed, Particles};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Less work than this is done by one thread: below it the hand-over costs more than a second one gains. In constraints
 /// times squared points, which goes about with the time of a projection.
@@ -316,7 +316,7 @@ pub(crate) fn save_memory<C: Constraint<K>, const K: usize>(constraints: &[C], t
 pub(crate) fn restore_memory<C: Constraint<K>, const K: usize>(
     constraints: &mut [C],
     from: &mut Reader<'_>,
-) -> Result<(), Corrupt> {
+) -> Result<(), DecodeError> {
     if C::PERIODIC {
         let memory = from.exactly::<f64>(constraints.len())?;
         constraints
@@ -348,7 +348,7 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
         to.put(&(*calls, *skipped));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         restore_memory(&mut self.constraints, from)?;
         from.fill(&mut self.multipliers)?;
         (self.calls, self.skipped) = from.take()?;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::rings::{Rings, Terms};
 use super::{Residual, Width};
 use crate::particles::{Packed, Particles, SHARE, Slot, is_shared};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Keeps the volume enclosed by a closed, consistently oriented surface at `target` [m^3].
 ///
@@ -292,7 +292,7 @@ impl State for EnclosedVolume {
         to.put(&(*calls, *unsolved));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.multiplier = from.take()?;
         (self.calls, self.unsolved) = from.take()?;
         Ok(())

@@ -11,7 +11,7 @@ use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::particles::{Particles, Slot};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// The distance kept between a bone vertex and a triangle, in contact thicknesses: less than between a vertex and a
 /// bone, so that a triangle whose corners rest on a gently curved bone is left alone.
@@ -540,7 +540,7 @@ impl State for Contacts {
         to.put(calls);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.surface.restore(from)?;
         self.vertices
             .iter_mut()

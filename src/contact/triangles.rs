@@ -11,7 +11,7 @@ use crate::constraints::{
 };
 use crate::mesh::measures::greatest;
 use crate::particles::Particles;
-use crate::state::{Corrupt, Reader, Value, Writer};
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// A bone vertex further from the muscle than this many thicknesses is asleep.
 const NEAR: f64 = 6.0;
@@ -342,15 +342,15 @@ impl TriangleContacts {
 }
 
 impl Value for Watched {
-    const LEAST: usize = 4 + 8;
+    const MIN_BYTES: usize = 4 + 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self { point, triangles } = self;
         to.put(point);
         to.list(triangles);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self {
             point: from.take()?,
             triangles: from.take()?,
@@ -359,9 +359,9 @@ impl Value for Watched {
 }
 
 impl Value for TriangleContact {
-    const LEAST: usize = 12 + 24 + 24 + 24 + 8;
+    const MIN_BYTES: usize = 12 + 24 + 24 + 24 + 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             points,
             origin,
@@ -376,7 +376,7 @@ impl Value for TriangleContact {
         to.put(thickness);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let (points, origin, normal) = (from.take()?, from.take()?, from.take()?);
         Ok(Self {
             points,
@@ -412,7 +412,7 @@ impl TriangleContacts {
     }
 
     /// Takes the state of contact with `surface`.
-    pub fn restore(&mut self, from: &mut Reader<'_>, surface: &Surface) -> Result<(), Corrupt> {
+    pub fn restore(&mut self, from: &mut Reader<'_>, surface: &Surface) -> Result<(), DecodeError> {
         let (points, triangles) = (self.wake.len(), surface.triangles().len());
         let (is_point, is_triangle) = (
             |k: u32| (k as usize) < points,

@@ -24,7 +24,7 @@ use crate::particles::{Numbering, Particles};
 use crate::scene::{Area, ContactEffect, Mass, Muscle, Scene, Solver};
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, Held, Settings, System, stiffness};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A muscle vertex may not be faster than this many muscle lengths a second.
 const SPEED_LIMIT: f64 = 200.0;
@@ -312,7 +312,7 @@ impl Body {
         from: &mut Reader<'_>,
         placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
-    ) -> Result<(), Corrupt> {
+    ) -> Result<(), DecodeError> {
         self.system.restore(from)?;
         self.restore_contact(from, placed, contact)?;
         self.equilibrium
@@ -336,7 +336,7 @@ impl Body {
         from: &mut Reader<'_>,
         placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
-    ) -> Result<(), Corrupt> {
+    ) -> Result<(), DecodeError> {
         let obstacles: Option<Vec<usize>> = from.take()?;
         let System {
             contacts,

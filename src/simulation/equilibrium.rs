@@ -14,7 +14,7 @@ use crate::solvers::potential::Quadratic;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, System};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A vertex touches a bone where it has no more room than this many contact thicknesses.
 const TOUCHING: f64 = 0.02;
@@ -201,7 +201,7 @@ impl State for Equilibrium {
         to.put(residual);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.solver.restore(from)?;
         self.outcome = from.take()?;
         self.iterations = from.take()?;

@@ -32,7 +32,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;
 use crate::solvers::{Broken, DIVERGENCE};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A vertex may end a frame this share of the contact thickness below a bone's surface before contact is looked at again.
 const SETTLED: f64 = 2e-4;
@@ -256,7 +256,7 @@ impl State for Simulation {
         bodies.iter().for_each(|body| body.save(to));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let frame: usize = from.take()?;
         self.notes = from.take()?;
         match frame.checked_sub(1) {

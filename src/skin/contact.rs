@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
 use crate::solvers::potential::Potential;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A plane, at rest or carried by a triangle, or a sphere, that a vertex must stay over: n.(x - y) >= 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -235,7 +235,7 @@ impl State for Touching {
     // Found anew from positions whenever it is needed.
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }
@@ -358,7 +358,7 @@ pub struct Anchors {
 impl State for Anchors {
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }

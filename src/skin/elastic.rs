@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::constraints::distance::Distance;
 use crate::solvers::potential::{Potential, Quadratic};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// The energy sum k (l - l0)^2 / 2.
 #[derive(Clone, Debug)]
@@ -37,7 +37,7 @@ impl State for Elastic {
         energy.save(to);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.energy.restore(from)
     }
 }

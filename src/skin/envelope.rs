@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use crate::constraints::distance::Distance;
 use crate::mesh::sum::Compensated;
 use crate::solvers::potential::Potential;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Share of its stiffness with which a spring pulls its ends together however long it is: it spreads the vertices of a
 /// slack shell, whose places would be anyone's guess, and costs as much as a strain of one in a hundred.
@@ -59,7 +59,7 @@ impl Envelope {
 impl State for Envelope {
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use super::contact::law;
 use super::layers::Layers;
 use crate::mesh::sum::Compensated;
 use crate::solvers::potential::Potential;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// It begins to resist where what lies between the layers has this share of its volume, and as a spring from as far below
 /// [`MIDDLE`].
@@ -108,7 +108,7 @@ impl Thickness {
 impl State for Thickness {
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }

@@ -11,7 +11,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
 use super::history::Field;
 use super::unknowns::{Laplacian, Unknowns};
 use crate::contact::ContactPlane;
-use crate::state::{Corrupt, Reader, Writer};
+use crate::state::{DecodeError, Reader, Writer};
 
 /// Vertices for which entries of the inverse are kept at most; of further rows only the pushing back takes care.
 const MOST_VERTICES: usize = 2048;
@@ -118,7 +118,11 @@ impl Touched {
     }
 
     /// Takes the state.
-    pub fn restore(&mut self, from: &mut Reader<'_>, unknowns: &Unknowns) -> Result<(), Corrupt> {
+    pub fn restore(
+        &mut self,
+        from: &mut Reader<'_>,
+        unknowns: &Unknowns,
+    ) -> Result<(), DecodeError> {
         self.vertices = from.take()?;
         from.check(
             self.vertices.len() <= MOST_VERTICES,
@@ -173,7 +177,7 @@ impl Active {
         laplacian: &mut Laplacian,
         unknowns: &Unknowns,
         count: usize,
-    ) -> Result<Self, Corrupt> {
+    ) -> Result<Self, DecodeError> {
         let rows: Vec<ContactPlane> = from.take()?;
         let is_there = |row: &ContactPlane| row.terms.iter().all(|(v, _)| (*v as usize) < count);
         from.check(rows.iter().all(is_there), "a row of no vertex")?;

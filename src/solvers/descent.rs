@@ -7,7 +7,7 @@ use super::history::{Field, add_scaled, dot};
 use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
-use crate::state::{Corrupt, Reader, Value, Writer};
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// Share of the decrease that the slope promises which a step must bring.
 const SUFFICIENT: f64 = 1e-4;
@@ -59,9 +59,9 @@ pub struct Outcome {
 }
 
 impl Value for Outcome {
-    const LEAST: usize = 4 + 4 + 4 * 8 + 1;
+    const MIN_BYTES: usize = 4 + 4 + 4 * 8 + 1;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             iterations,
             evaluations,
@@ -76,7 +76,7 @@ impl Value for Outcome {
         to.put(converged);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let (iterations, evaluations) = from.take()?;
         let ((force, residual), (energy, pressure)) = from.take()?;
         Ok(Self {

@@ -7,7 +7,7 @@ use super::press::Press;
 use crate::constraints::EnclosedVolume;
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// The energy sum m |x - y|^2 / (2 dt^2), which makes a minimum an implicit Euler step.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -160,7 +160,7 @@ impl State for Energy {
         elastic.iter().for_each(|part| part.save(to));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.elastic
             .iter_mut()
             .try_for_each(|part| part.restore(from))

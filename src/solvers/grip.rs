@@ -9,7 +9,7 @@ use super::potential::Potential;
 use crate::constraints::lanes::Width;
 use crate::constraints::{Project, Residual};
 use crate::particles::{Packed, Particles};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A vertex that is dragged.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,7 +58,7 @@ impl Grip {
 impl State for Grip {
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }

@@ -9,7 +9,7 @@ use crate::constraints::{Constraint, EnclosedVolume};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
 use crate::particles::Slot;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A part of a body's energy. Its state goes into checkpoints.
 pub trait Potential: State + Send + Sync {
@@ -80,7 +80,7 @@ impl<C: Constraint<K>, const K: usize> State for Quadratic<C, K> {
         save_memory(constraints, to);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         restore_memory(&mut self.constraints, from)
     }
 }

@@ -18,7 +18,7 @@ use super::sparse::FactorError;
 use super::unknowns::Laplacian;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
-use crate::state::{self, Corrupt, Reader, Writer};
+use crate::state::{self, DecodeError, Reader, Writer};
 
 /// Steps of the minimisation that are remembered: more cost more than they save.
 const MEMORY: usize = 8;
@@ -312,7 +312,7 @@ impl state::State for QuasiStatic {
         to.put(age);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let Self {
             problem,
             laplacian,

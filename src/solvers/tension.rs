@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::potential::Potential;
 use crate::constraints::distance::Distance;
 use crate::mesh::sum::Compensated;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// How fast the force of passive muscle grows with its strain: by a factor e each time that the strain grows by the
 /// inverse of this. The exponent 4 over the strain 0.6 at the greatest isometric force \[thelen2003\].
@@ -158,7 +158,7 @@ impl Potential for Tension {
 impl State for Tension {
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::potential::Potential;
 use crate::mesh::sum::Compensated;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// The energy `sum k |d_a - d_b|^2 / 2` over edges, `d` the displacement from the target: a membrane of corrections. It
 /// is quadratic, so that without obstacles its minimum is unique and moves smoothly with the target.
@@ -112,7 +112,7 @@ impl Potential for Tracking {
 impl State for Tracking {
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ use crate::scene::{Attachment, Bone, Capsule, Muscle, Scene};
 use crate::simulation::Simulation;
 use crate::simulation::body::Body;
 use crate::simulation::plan::MusclePlan;
-use crate::state::{Corrupt, Hash, Reader, Value, Writer};
+use crate::state::{DecodeError, Hash, Reader, Value, Writer};
 
 /// Hashes of all that a simulation was made from: settings, motions, contents of meshes whatever their files are called,
 /// and what the plan foresaw. The number of frames is no part: a run may be made longer.
@@ -183,13 +183,13 @@ impl Fingerprint {
 }
 
 impl Value for Fingerprint {
-    const LEAST: usize = 8;
+    const MIN_BYTES: usize = 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         to.list(&self.0);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self(from.take()?))
     }
 }
