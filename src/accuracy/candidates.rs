@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::constraints::lanes::Width;
+use crate::constraints::lanes::SimdWidth;
 use crate::contact::broad_phase::{METHODS, Method};
 use crate::scene::{Minimisation, Order, Scene, Solver, Xpbd};
 
@@ -32,7 +32,7 @@ pub struct Candidate {
     /// Solver and settings.
     pub solver: Solver,
     /// Constraints computed at once, at most.
-    pub width: Width,
+    pub width: SimdWidth,
     /// Threads.
     pub threads: usize,
     /// How contact is looked for: the name of one of [`METHODS`]; `None` for the crate's own hierarchy, which is what runs
@@ -51,7 +51,7 @@ impl Candidate {
     pub fn new(solver: Solver, threads: usize) -> Self {
         Self {
             solver,
-            width: Width::best(),
+            width: SimdWidth::best(),
             threads,
             way: None,
         }

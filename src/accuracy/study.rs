@@ -7,7 +7,7 @@ use super::choice::{Recommended, pareto, recommend};
 use super::distance::Distance;
 use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
-use crate::constraints::lanes::Width;
+use crate::constraints::lanes::SimdWidth;
 use crate::contact::broad_phase::METHODS;
 use crate::scene::{Scene, Solver};
 use crate::simulation::{Assets, LoadError};
@@ -492,9 +492,9 @@ impl Measuring<'_> {
             .filter_map(|r| r.row)
             .map(|row| study.rows[row].candidate)
         {
-            if matches!(candidate.solver, Solver::Xpbd(_)) && candidate.width != Width::One {
+            if matches!(candidate.solver, Solver::Xpbd(_)) && candidate.width != SimdWidth::One {
                 add(Candidate {
-                    width: Width::One,
+                    width: SimdWidth::One,
                     ..candidate
                 });
             }

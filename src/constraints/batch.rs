@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 
 use super::Constraint;
 use super::blocks::Block;
-use super::lanes::{self, Width};
+use super::lanes::{self, SimdWidth};
 use super::order::{Order, Schedule, schedule};
 use super::projection::{Span, Sweep, Swept};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::particles::{Numbering, Packed, Particles};
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -53,7 +53,7 @@ pub trait Project: State + Send + Sync {
     /// Sweeps done so far.
     fn calls(&self) -> u64;
     /// Computes at most so many constraints at once; no bit of a result depends on it.
-    fn set_width(&mut self, width: Width);
+    fn set_width(&mut self, width: SimdWidth);
     /// Projections left out so far because the gradient was undefined.
     fn skipped(&self) -> u64;
 }
@@ -73,7 +73,7 @@ pub struct Batch<C, const K: usize> {
     /// Where each one's particles are in their block.
     places: Vec<[u32; K]>,
     spans: Vec<Span>,
-    width: Width,
+    width: SimdWidth,
     packed: Packed,
     calls: u64,
     skipped: u64,
@@ -137,7 +137,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             multipliers: vec![0.0; constraints.len()],
             places: places(&schedule, &points),
             spans: spans(&schedule, &points),
-            width: Width::best(),
+            width: SimdWidth::best(),
             packed: Packed::new(numbering.clone()),
             schedule,
             calls: 0,
@@ -183,7 +183,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     /// Computes as many constraints at once as `width` says, where the processor can, in place of as many as it can.
     /// Changes no bit of any result.
     #[must_use]
-    pub fn with_width(mut self, width: Width) -> Self {
+    pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
         self
     }
@@ -204,7 +204,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     }
 
     fn sweep_packed(&mut self, packed: &mut Packed, dt: f64) {
-        let width = if C::LANES { self.width } else { Width::One };
+        let width = if C::LANES { self.width } else { SimdWidth::One };
         let parallel =
             self.constraints.len() * K * K >= PARALLEL && rayon::current_num_threads() > 1;
         let mut all = Sweep {
@@ -235,7 +235,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
 #[derive(Clone, Copy)]
 struct Phase<'a> {
     spans: &'a [Span],
-    width: Width,
+    width: SimdWidth,
     parallel: bool,
 }
 
@@ -432,14 +432,14 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         let mut distances = acting
             .filter_map(|j| self.distance(j, particles, dt))
             .peekable();
-        distances.peek().is_some().then(|| greatest(distances))
+        distances.peek().is_some().then(|| max_or_nan(distances))
     }
 
     fn calls(&self) -> u64 {
         self.calls
     }
 
-    fn set_width(&mut self, width: Width) {
+    fn set_width(&mut self, width: SimdWidth) {
         self.width = width;
     }
 

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::rings::{Rings, Terms};
-use super::{Residual, Width};
+use super::{Residual, SimdWidth};
 use crate::particles::{Packed, Particles, SHARE, Slot, is_shared};
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -17,7 +17,7 @@ use crate::state::{DecodeError, Reader, State, Writer};
 pub struct EnclosedVolume {
     triangles: Vec<[u32; 3]>,
     rings: Rings,
-    width: Width,
+    width: SimdWidth,
     target: f64,
     compliance: f64,
     relaxation: f64,
@@ -49,7 +49,7 @@ impl EnclosedVolume {
         Self {
             triangles: triangles.to_vec(),
             rings: Rings::new(triangles, count),
-            width: Width::best(),
+            width: SimdWidth::best(),
             target,
             compliance,
             relaxation: 1.0,
@@ -73,7 +73,7 @@ impl EnclosedVolume {
     /// Computes with vector instructions as of `width`, where the processor has them, in place of the widest. Changes
     /// no bit of any result.
     #[must_use]
-    pub fn with_width(mut self, width: Width) -> Self {
+    pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
         self
     }

@@ -17,7 +17,7 @@ pub mod second;
 
 pub use batch::{Batch, Project, Residual};
 pub use enclosed_volume::EnclosedVolume;
-pub use lanes::{Lane, Several, Width};
+pub use lanes::{Lane, Several, SimdWidth};
 pub use order::Order;
 pub use scalar::Scalar;
 

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::lanes::{InLanes, Lane, Triple, Width, cross, dot, run, sub};
+use super::lanes::{InLanes, Lane, SimdWidth, Triple, cross, dot, run, sub};
 use crate::mesh::sum::tree_sum;
 use crate::particles::{SHARE, Slot, is_shared};
 
@@ -57,7 +57,7 @@ impl Rings {
     /// Writes the gradient of the volume at `x` of each vertex and returns the volume; `terms` is room to work in.
     pub fn volume(
         &self,
-        width: Width,
+        width: SimdWidth,
         x: &[Slot],
         gradient: &mut [Slot],
         terms: &mut Terms,
@@ -94,7 +94,7 @@ impl Rings {
     /// The factors before s, s^2 and s^3 of the volume at `x + s field`, where the volume has the given gradient.
     pub fn along(
         &self,
-        width: Width,
+        width: SimdWidth,
         x: &[Slot],
         gradient: &[Slot],
         field: &[Slot],

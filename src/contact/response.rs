@@ -9,7 +9,7 @@ use super::vertices::{self, VertexContacts};
 use super::{Obstacle, PosedObstacle, Projection};
 use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::particles::{Particles, Slot};
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -580,7 +580,7 @@ fn free(particles: &Particles) -> impl Iterator<Item = u32> {
 
 /// Greatest distance between points of the same index [m]; not a number where one of them is not.
 fn greatest_distance(x: &[Point3<f64>], others: impl Iterator<Item = Point3<f64>>) -> f64 {
-    greatest(x.iter().zip(others).map(|(x, o)| (x - o).norm_squared())).sqrt()
+    max_or_nan(x.iter().zip(others).map(|(x, o)| (x - o).norm_squared())).sqrt()
 }
 
 fn two_lowest(heights: &[f64]) -> f64 {

@@ -9,7 +9,7 @@ use super::{Obstacle, OnTriangle, PosedObstacle};
 use crate::constraints::{
     Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact,
 };
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::particles::Particles;
 use crate::state::{DecodeError, Reader, Value, Writer};
 
@@ -254,7 +254,7 @@ impl TriangleContacts {
                 continue;
             }
             // Where a held corner is nearest, the others have no lever: no corner goes further than twice the lack.
-            let weight = greatest(each().map(|(w, g)| 0.5 * w * g).chain([weight]));
+            let weight = max_or_nan(each().map(|(w, g)| 0.5 * w * g).chain([weight]));
             // And none further than the thickness at once: what is deep comes out over the sweeps.
             let c = c.max(-self.thickness);
             for ((v, g), w) in contact.points.into_iter().zip(gradient).zip(w) {

@@ -122,7 +122,7 @@ mod tests {
         let bound = BoundLines::new(&Surface::new(&mesh), std::slice::from_ref(&line));
         let here = &bound.at(&mesh.vertices)[0];
         let sideways =
-            crate::mesh::measures::greatest(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
+            crate::mesh::measures::max_or_nan(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
         // Inside, a point lies on the line between its two places; a few roundings of a size of 0.1.
         assert!(sideways <= 64.0 * f64::EPSILON * 0.1, "{sideways}");
         let turn =
@@ -144,7 +144,7 @@ mod tests {
         let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| map * v).collect();
         let errors = |other: f64| {
             let there = bound.at(&moved);
-            crate::mesh::measures::greatest(
+            crate::mesh::measures::max_or_nan(
                 line.iter()
                     .zip(&there[0])
                     .map(|(a, b)| (map * a * other - b).norm()),

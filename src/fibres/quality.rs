@@ -10,7 +10,7 @@ use super::polyline::length;
 use super::solid::Closed;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// A point counts as outside where it is farther out than this share of the muscle's length.
 pub const OUTSIDE: f64 = 1e-9;
@@ -78,9 +78,9 @@ pub fn measure(
         fibres: fibres.len(),
         points: fibres.iter().map(Vec::len).sum(),
         outside: out.iter().filter(|d| !(**d <= limit)).count(),
-        outside_max_m: greatest(out.iter().copied()),
-        end_distance_max_m: greatest(far),
-        tendon_length_max_m: greatest(tendons),
+        outside_max_m: max_or_nan(out.iter().copied()),
+        end_distance_max_m: max_or_nan(far),
+        tendon_length_max_m: max_or_nan(tendons),
         jacobian_min: least(jacobian),
         spacing_min_m: spacing_min(fibres),
         coverage: coverage(closed, fibres),

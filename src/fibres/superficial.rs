@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use super::polyline::length;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::measures::{greatest, median};
+use crate::mesh::measures::{max_or_nan, median};
 
 /// A line whose points lie at a median distance above this share of the muscle's length is none on its surface.
 pub const FARTHEST: f64 = 0.05;
@@ -73,7 +73,7 @@ pub fn register(
                 length: whole,
             });
         }
-        all.distance_max = greatest(distances().chain([all.distance_max]));
+        all.distance_max = max_or_nan(distances().chain([all.distance_max]));
         all.lines.push(found.iter().map(|f| f.point).collect());
     }
     if all.lines.is_empty() {

@@ -279,7 +279,7 @@ pub fn smallest_angle([a, b, c]: [Point3<f64>; 3]) -> f64 {
 
 /// The greatest of numbers that are not negative, 0 for none; not a number if one of them is not, which
 /// `f64::max` would hide.
-pub fn greatest(numbers: impl IntoIterator<Item = f64>) -> f64 {
+pub fn max_or_nan(numbers: impl IntoIterator<Item = f64>) -> f64 {
     numbers.into_iter().fold(
         0.0,
         |most: f64, n| if n <= most || most.is_nan() { most } else { n },
@@ -460,8 +460,8 @@ mod tests {
 
     #[test]
     fn the_greatest_does_not_hide_what_is_no_number() {
-        assert_eq!(greatest([]), 0.0);
-        assert_eq!(greatest([1.0, 3.0, 2.0]), 3.0);
-        assert!(greatest([1.0, f64::NAN, 2.0]).is_nan() && greatest([f64::NAN, 5.0]).is_nan());
+        assert_eq!(max_or_nan([]), 0.0);
+        assert_eq!(max_or_nan([1.0, 3.0, 2.0]), 3.0);
+        assert!(max_or_nan([1.0, f64::NAN, 2.0]).is_nan() && max_or_nan([f64::NAN, 5.0]).is_nan());
     }
 }

@@ -30,12 +30,12 @@ pub fn tree_sum_by(count: usize, value: impl Fn(usize) -> f64 + Sync) -> f64 {
 
 /// A sum that carries what rounding lost \[neumaier1974\]: for numbers that come one by one.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Compensated {
+pub struct NeumaierSum {
     sum: f64,
     lost: f64,
 }
 
-impl Compensated {
+impl NeumaierSum {
     /// Adds a number.
     #[inline]
     pub fn add(&mut self, value: f64) {
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn a_compensated_sum_keeps_what_cancels() {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         [1e16, 1.0, -1e16, 0.5].into_iter().for_each(|v| sum.add(v));
         assert_eq!(sum.total(), 1.5);
         assert_ne!([1e16, 1.0, -1e16, 0.5].into_iter().sum::<f64>(), 1.5);

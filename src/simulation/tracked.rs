@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use crate::constraints::distance::Distance;
 use crate::contact::PosedObstacle;
 use crate::contact::smooth::SmoothDistance;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::solvers::descent::{Outcome, Settings};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
@@ -88,7 +88,7 @@ impl Tracked {
             .filter(|s| s.iter().any(free))
             .collect();
         let press = system.contacts.as_ref().map(|contacts| {
-            let stiffest = greatest(stiffness.iter().copied());
+            let stiffest = max_or_nan(stiffness.iter().copied());
             let bones = contacts
                 .obstacles()
                 .iter()

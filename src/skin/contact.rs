@@ -3,8 +3,8 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use crate::mesh::measures::greatest;
-use crate::mesh::sum::Compensated;
+use crate::mesh::measures::max_or_nan;
+use crate::mesh::sum::NeumaierSum;
 use crate::solvers::potential::Potential;
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -222,7 +222,7 @@ impl Touching {
 
     /// How far the deepest is inside [m].
     pub fn depth(&self, x: &[Point3<f64>]) -> f64 {
-        greatest(
+        max_or_nan(
             self.touches
                 .iter()
                 .filter_map(|t| t.gap(x))
@@ -246,7 +246,7 @@ impl Potential for Touching {
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         self.pressed(x)
             .for_each(|(k, soft, gap)| sum.add(k * law(gap.value, soft).0));
         self.sliding()
@@ -255,7 +255,7 @@ impl Potential for Touching {
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         for (k, soft, gap) in self.pressed(x) {
             let (energy, press, _) = law(gap.value, soft);
             sum.add(k * energy);
@@ -369,7 +369,7 @@ impl Potential for Anchors {
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         let square = |(v, place): &(u32, Point3<f64>)| (x[*v as usize] - place).norm_squared();
         self.places
             .iter()

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::constraints::distance::Distance;
-use crate::mesh::sum::Compensated;
+use crate::mesh::sum::NeumaierSum;
 use crate::solvers::potential::Potential;
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -70,7 +70,7 @@ impl Potential for Envelope {
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         for (_, _, length, rest, k) in self.each(x) {
             let over = (length - rest).max(0.0);
             sum.add(0.5 * k * (over * over + GATHER * length * length));
@@ -127,7 +127,7 @@ impl Potential for Envelope {
         if !self.alone {
             return 0.0;
         }
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         self.springs
             .iter()
             .zip(&self.stiffness)

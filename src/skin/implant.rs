@@ -128,7 +128,7 @@ impl Implant {
     /// How far the dome bulges beyond its rim: its greatest width over that of the base.
     pub fn bulge(&self, dome: &TriangleMesh) -> f64 {
         let reach = |p: &Point3<f64>| self.shape.reach(p.xy(), self.base);
-        crate::mesh::measures::greatest(dome.vertices.iter().map(reach))
+        crate::mesh::measures::max_or_nan(dome.vertices.iter().map(reach))
     }
 
     /// The upper sheet from the top down to the rim, then the base from the rim's inside to its middle.
@@ -260,7 +260,7 @@ mod tests {
     fn a_round_dome_is_a_cap() {
         // V = pi h (3 a^2 + h^2) / 6; the mesh lies inside it, so it is a little higher.
         let dome = round(100e-6).dome(0.002).unwrap();
-        let height = crate::mesh::measures::greatest(dome.vertices.iter().map(|p| p.z));
+        let height = crate::mesh::measures::max_or_nan(dome.vertices.iter().map(|p| p.z));
         let (a, h) = (0.035, height);
         let volume = std::f64::consts::PI * h * (3.0 * a * a + h * h) / 6.0;
         assert!(volume > 100e-6 && volume < 101e-6, "{volume}");

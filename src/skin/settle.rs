@@ -18,7 +18,7 @@ use super::thickness::Thickness;
 use crate::constraints::EnclosedVolume;
 use crate::constraints::distance::Distance;
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::solvers::descent::{Outcome, Settings, Unguarded};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
@@ -302,7 +302,7 @@ impl<'a> Descent<'a> {
             } else {
                 2 * model.layers.count()
             };
-            progress.moved = greatest(
+            progress.moved = max_or_nan(
                 before
                     .iter()
                     .zip(x.iter())
@@ -356,7 +356,7 @@ impl Model {
     /// Greatest distance between the layers [m].
     fn depth(&self) -> f64 {
         let (upper, lower) = self.layers.rest.split_at(self.layers.count());
-        greatest(upper.iter().zip(lower).map(|(u, l)| (u - l).norm()))
+        max_or_nan(upper.iter().zip(lower).map(|(u, l)| (u - l).norm()))
     }
 
     /// As stiff as contact over the depth of the skin.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::contact::law;
 use super::layers::Layers;
-use crate::mesh::sum::Compensated;
+use crate::mesh::sum::NeumaierSum;
 use crate::solvers::potential::Potential;
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -119,13 +119,13 @@ impl Potential for Thickness {
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         self.pressed(x).for_each(|(_, k, w, _)| sum.add(k * w.0));
         sum.total()
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         for (prism, k, w, share) in self.pressed(x) {
             sum.add(k * w.0);
             let each = prism.corners.iter().zip(&share.gradient);

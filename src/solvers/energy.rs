@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::potential::{Potential, volume_hessian};
 use super::press::Press;
 use crate::constraints::EnclosedVolume;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -138,7 +138,7 @@ impl Energy {
 
     /// A force [N] to judge forces on a vertex by: that of a strain of one.
     pub fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        greatest(self.elastic.iter().map(|part| part.force_scale(x)))
+        max_or_nan(self.elastic.iter().map(|part| part.force_scale(x)))
     }
 
     /// Lets constraints that are known up to a period take note of where they are.

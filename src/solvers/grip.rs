@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::potential::Potential;
-use crate::constraints::lanes::Width;
+use crate::constraints::lanes::SimdWidth;
 use crate::constraints::{Project, Residual};
 use crate::particles::{Packed, Particles};
 use crate::state::{DecodeError, Reader, State, Writer};
@@ -107,7 +107,7 @@ impl Project for Grip {
         self.calls
     }
 
-    fn set_width(&mut self, _: Width) {}
+    fn set_width(&mut self, _: SimdWidth) {}
 
     fn skipped(&self) -> u64 {
         0

@@ -3,11 +3,11 @@
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
 use crate::constraints::batch::{restore_memory, save_memory};
-use crate::constraints::lanes::{self, InLanes, Lane, Several, Width, unrolled};
+use crate::constraints::lanes::{self, InLanes, Lane, Several, SimdWidth, unrolled};
 use crate::constraints::second::Second;
 use crate::constraints::{Constraint, EnclosedVolume};
-use crate::mesh::measures::greatest;
-use crate::mesh::sum::Compensated;
+use crate::mesh::measures::max_or_nan;
+use crate::mesh::sum::NeumaierSum;
 use crate::particles::Slot;
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -91,7 +91,7 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         for (constraint, k) in self.each() {
             let at = constraint.points().map(|p| x[p as usize]);
             // Where the gradient is undefined so is the value: an edge or hinge without extent exerts no force.
@@ -103,7 +103,7 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         let slots: Vec<Slot> = x.iter().map(|x| Slot([x.x, x.y, x.z, 0.0])).collect();
         let forces = Forces {
             of: self,
@@ -112,7 +112,14 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
             gradient,
             sum: &mut sum,
         };
-        lanes::run(if C::LANES { Width::best() } else { Width::One }, forces);
+        lanes::run(
+            if C::LANES {
+                SimdWidth::best()
+            } else {
+                SimdWidth::One
+            },
+            forces,
+        );
         sum.total()
     }
 
@@ -167,12 +174,12 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     }
 
     fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         for (constraint, k) in self.each() {
             let at = constraint.points().map(|p| x[p as usize]);
             if let Some((_, g)) = constraint.value_and_gradient(&at) {
                 // The force at which C has changed by as much as a strain of one changes it.
-                let longest = greatest(at.iter().map(|p| (p - at[0]).norm_squared()));
+                let longest = max_or_nan(at.iter().map(|p| (p - at[0]).norm_squared()));
                 let force = k * g[0].norm_squared() * longest.sqrt();
                 sum.add(force * force);
             }
@@ -203,7 +210,7 @@ struct Forces<'a, C, const K: usize> {
     x: &'a [Point3<f64>],
     slots: &'a [Slot],
     gradient: &'a mut [Vector3<f64>],
-    sum: &'a mut Compensated,
+    sum: &'a mut NeumaierSum,
 }
 
 impl<C: Constraint<K>, const K: usize> Forces<'_, C, K> {

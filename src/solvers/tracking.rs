@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::potential::Potential;
-use crate::mesh::sum::Compensated;
+use crate::mesh::sum::NeumaierSum;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// The energy `sum k |d_a - d_b|^2 / 2` over edges, `d` the displacement from the target: a membrane of corrections. It
@@ -49,14 +49,14 @@ impl Potential for Tracking {
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         self.each(x)
             .for_each(|(_, d, k)| sum.add(0.5 * k * d.norm_squared()));
         sum.total()
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         for ([a, b], d, k) in self.each(x) {
             sum.add(0.5 * k * d.norm_squared());
             gradient[a] += d * k;
@@ -120,7 +120,7 @@ impl State for Tracking {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::measures::greatest;
+    use crate::mesh::measures::max_or_nan;
     use crate::testing::Draw;
 
     fn drawn() -> (Tracking, Vec<Point3<f64>>) {
@@ -175,7 +175,7 @@ mod tests {
             .map(|p| p + Vector3::new(0.25, -0.5, 1.0))
             .collect();
         part.aim(&shifted);
-        let size = greatest(x.iter().map(|p| p.coords.norm())) + 1.25;
+        let size = max_or_nan(x.iter().map(|p| p.coords.norm())) + 1.25;
         assert!(part.energy(&x) <= 300.0 * 5.0 * (8.0 * f64::EPSILON * size).powi(2));
         assert!(drawn().0.energy(&x) > 1e-3, "control");
     }

@@ -13,7 +13,7 @@
 //! # What a step costs
 //! Rows along x lie as runs of x, y and z; several points are computed side by side, each spring once; forces on rows to come
 //! wait in a plane or two that stay in the cache. Threads take slabs of planes. [`Lattice::run`] makes two steps in one pass
-//! through memory. Any number of threads, any [`Width`], and steps one by one or in pairs give the same bits.
+//! through memory. Any number of threads, any [`SimdWidth`], and steps one by one or in pairs give the same bits.
 //!
 //! # Limitations
 //! Explicit: steps above [`stability_limit`] explode, which [`Lattice::new`] refuses; the limit is that of the lattice at rest, and
@@ -41,7 +41,7 @@ pub use stability::{largest_stiffness, stability_limit};
 
 use super::damping::{self, Body};
 use super::neighbours::Neighbours;
-use crate::simd::{Number, Width};
+use crate::simd::{Number, SimdWidth};
 
 /// D of a spring, from its length at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -142,7 +142,7 @@ pub struct Lattice<F> {
     carried: Vec<[Carried<F>; 2]>,
     /// Copies of planes where slabs meet.
     seams: Vec<F>,
-    width: Width,
+    width: SimdWidth,
     steps: u64,
 }
 
@@ -202,7 +202,7 @@ impl<F: Number> Lattice<F> {
             patterns_due: true,
             carried: Vec::new(),
             seams: Vec::new(),
-            width: Width::best(),
+            width: SimdWidth::best(),
             steps: 0,
         };
         shape
@@ -212,7 +212,7 @@ impl<F: Number> Lattice<F> {
     }
 
     /// Computes with another width; no bit of a result depends on it. A width of four or eight is twice as wide in `f32`.
-    pub fn with_width(mut self, width: Width) -> Self {
+    pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
         self
     }

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::integrators::{Integrator, StepError};
 use super::system::{Energy, SpringSystem};
-use crate::mesh::measures::{Aabb, greatest};
+use crate::mesh::measures::{Aabb, max_or_nan};
 
 /// When a system counts as at rest.
 ///
@@ -31,7 +31,7 @@ impl Rest {
             .for_each(|f| f.add_row_sums(&system.position, &mut sums));
         let size = Aabb::of_points(&system.position).extents().norm();
         let spacing = size / (system.len() as f64).cbrt();
-        let stiffest = greatest(sums);
+        let stiffest = max_or_nan(sums);
         let force = share * stiffest * spacing;
         Self {
             force,
@@ -148,7 +148,7 @@ fn record(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -
     StepRecord {
         step,
         dt,
-        greatest_move: greatest(
+        greatest_move: max_or_nan(
             system
                 .position
                 .iter()
@@ -156,6 +156,6 @@ fn record(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -
                 .map(|(x, b)| (x - b).norm()),
         ),
         energy: system.energy(),
-        residual: greatest(force.iter().map(Vector3::norm)),
+        residual: max_or_nan(force.iter().map(Vector3::norm)),
     }
 }

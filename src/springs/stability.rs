@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::integrators::Integrator;
 use super::system::SpringSystem;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 
 /// Steps of the search for the stiffest motion at most.
@@ -59,7 +59,7 @@ pub fn stiffest(system: &SpringSystem) -> Stiffest {
         .forces()
         .iter()
         .for_each(|f| f.add_row_sums(&system.position, &mut sums));
-    let bound = greatest(free().map(|i| row_bound(system, &sums, i)));
+    let bound = max_or_nan(free().map(|i| row_bound(system, &sums, i)));
     let drag = system.damping / lightest;
     let (square, products) = lanczos(system);
     Stiffest {
@@ -111,7 +111,7 @@ fn lanczos(system: &SpringSystem) -> (f64, usize) {
         }
         diagonal.push(own);
         let beta = dot(&product, &product).sqrt();
-        let scale = greatest(diagonal.iter().chain(&beside).map(|v| v.abs()));
+        let scale = max_or_nan(diagonal.iter().chain(&beside).map(|v| v.abs()));
         // What is left is round-off: the whole space that the start reaches was seen.
         let ends = !(beta > 1e-12 * scale) || step == MOST;
         if ends || step % BETWEEN == 0 {
@@ -146,7 +146,7 @@ fn extreme(diagonal: &[f64], beside: &[f64]) -> f64 {
         let left = if i > 0 { beside[i - 1].abs() } else { 0.0 };
         left + beside.get(i).map_or(0.0, |b| b.abs())
     };
-    let reach = greatest((0..diagonal.len()).map(|i| diagonal[i].abs() + around(i)));
+    let reach = max_or_nan((0..diagonal.len()).map(|i| diagonal[i].abs() + around(i)));
     if !(reach.is_finite() && reach > 0.0) {
         return reach;
     }

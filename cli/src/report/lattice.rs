@@ -11,7 +11,7 @@ use super::skin::actor;
 use super::summary::Verdict;
 use super::{LinePlot, Table};
 use pliant::format::number;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::Plan;
 use pliant::simulation::lattice::LatticeRun;
 use pliant::simulation::skin::Stepped;
@@ -142,7 +142,7 @@ impl Run for LatticeRun {
             &self.lattice,
             self.frames.iter().map(|f| f.time_s).sum::<f64>(),
         );
-        let farthest = greatest(self.frames.iter().map(|f| f.distance));
+        let farthest = max_or_nan(self.frames.iter().map(|f| f.distance));
         let own = json!({
             "lattice": {
                 "points": lattice.shape().count(),

@@ -13,7 +13,7 @@ use super::summary::Verdict;
 use super::{LinePlot, Table};
 use pliant::constraints::distance::Distance;
 use pliant::fibres::binding::BoundLines;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::{Topology, TriangleMesh, shapes};
 use pliant::scene::content::Under;
 use pliant::simulation::Plan;
@@ -118,7 +118,7 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
             .sites()
             .map(|(order, _)| order.implant.base)
             .fold(f64::INFINITY, f64::min);
-        let deep = greatest(part.frames.iter().map(|f| f.progress.depth));
+        let deep = max_or_nan(part.frames.iter().map(|f| f.progress.depth));
         let found = format!("{:.3} mm", deep * 1e3);
         let may = deepest(base);
         say(
@@ -144,9 +144,9 @@ fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
     };
     let of_frame = |f: &Measured| {
         let each = part.members.iter().zip(&f.shells);
-        greatest(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
+        max_or_nan(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
     };
-    Some(greatest(part.frames.iter().map(of_frame)))
+    Some(max_or_nan(part.frames.iter().map(of_frame)))
 }
 
 /// Areas of all parts together in a frame.
@@ -163,7 +163,7 @@ fn numbers(run: &SkinRun) -> Vec<(&'static str, f64)> {
         .map(volume_of)
         .sum();
     let last = |of: fn(&Measured) -> f64| {
-        greatest(run.parts.iter().filter_map(|p| p.frames.last()).map(of))
+        max_or_nan(run.parts.iter().filter_map(|p| p.frames.last()).map(of))
     };
     vec![
         ("time_s", run.parts.iter().map(Part::time_s).sum()),
@@ -484,7 +484,7 @@ impl Run for SkinRun {
     }
 
     fn stretch(&self) -> f64 {
-        greatest(
+        max_or_nan(
             self.parts
                 .iter()
                 .filter_map(|p| p.frames.last())

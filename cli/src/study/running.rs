@@ -16,7 +16,7 @@ use crate::report::pictures::covered_stretch;
 use crate::report::record::Record;
 use crate::report::run::ready;
 use crate::report::summary::{Summary, Time};
-use pliant::mesh::measures::{Aabb, greatest};
+use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::scene::content::Staged;
 use pliant::simulation::skin::Stepped;
 use pliant::simulation::{Body, Plan, Simulation};
@@ -190,7 +190,7 @@ fn perform(
         if frames.contains(&run.frame()) {
             let x: Vec<Vec<Point3<f64>>> =
                 run.snapshot().muscles.into_iter().map(|(x, _)| x).collect();
-            stretch = greatest([stretch, covered_stretch(&cast, x.iter().map(Vec::as_slice))]);
+            stretch = max_or_nan([stretch, covered_stretch(&cast, x.iter().map(Vec::as_slice))]);
             positions.push((run.frame(), x));
         }
         if run.frame() >= run.frames() {
@@ -255,7 +255,7 @@ impl Looks<'_> {
             .iter()
             .map(|b| b.system.particles.position.clone())
             .collect();
-        self.stretch = greatest([
+        self.stretch = max_or_nan([
             self.stretch,
             covered_stretch(self.cast, x.iter().map(Vec::as_slice)),
         ]);
@@ -265,7 +265,7 @@ impl Looks<'_> {
     fn outcome(self, summary: &Summary, record: &Record) -> Outcome {
         let muscles = &summary.muscles;
         let most = |value: fn(&crate::report::summary::MuscleSummary) -> f64| {
-            greatest(muscles.iter().map(value))
+            max_or_nan(muscles.iter().map(value))
         };
         let steps_s = record.times.iter().map(|t| t.step_ms).sum::<f64>() * 1e-3;
         let numbers = [

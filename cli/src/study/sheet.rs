@@ -224,7 +224,7 @@ fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
             .filter(|(b, _)| b.extents().amax() <= WILD * median)
     };
     let bounds = tame().map(|(b, _)| *b).reduce(|a, b| a.union(&b))?;
-    let stretch = pliant::mesh::measures::greatest(tame().map(|(_, s)| *s));
+    let stretch = pliant::mesh::measures::max_or_nan(tame().map(|(_, s)| *s));
     let Start { cast, first, .. } = start(study.all.first()?)?;
     Some(Stage::new(&cast, &first, &bounds, stretch))
 }

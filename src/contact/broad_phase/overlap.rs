@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// Roundings of a product of two differences of coordinates, relative to the lengths; a generous count.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
@@ -24,7 +24,7 @@ pub(crate) fn may_meet(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector
     if (0..3).any(|k| apart(&Vector3::ith(k, 1.0), 0.0)) {
         return false;
     }
-    let reach = greatest(v.iter().map(Vector3::norm));
+    let reach = max_or_nan(v.iter().map(Vector3::norm));
     let sides: [Vector3<f64>; 3] = std::array::from_fn(|k| v[(k + 1) % 3] - v[k]);
     // The normal of a sliver is rounding; the lengths of its sides bound by how much.
     let doubt = ROUNDING * reach * sides[0].norm() * sides[2].norm();

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::SpringsError;
 use crate::fibres::template::{Sampling, Template};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::solvers::sparse::Factor;
 use crate::springs::Neighbours;
 use crate::springs::lattice::Shape;
@@ -195,7 +195,7 @@ impl Network {
         let mut left = f64::INFINITY;
         for _ in 0..STEPS {
             let (mut force, scale) = self.assemble(x, &mut system);
-            left = greatest(
+            left = max_or_nan(
                 force
                     .chunks(3)
                     .map(|f| Vector3::new(f[0], f[1], f[2]).norm()),
@@ -252,6 +252,6 @@ impl Network {
                 system.add(i.max(j), i.min(j), &columns.map(|c| c.map(|v| -v)));
             }
         }
-        (force, greatest(sizes))
+        (force, max_or_nan(sizes))
     }
 }

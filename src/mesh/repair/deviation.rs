@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// Greatest distances between two surfaces, measured from the corners, mid-sides and centroids of all triangles
 /// [unit of the coordinates]; `None` where one of them has no triangle.
@@ -36,13 +36,13 @@ fn one_way(from: &TriangleMesh, to: &TriangleMesh) -> Option<f64> {
         let [a, b, c] = from.corners(t);
         let middle = |p: Point3<f64>, q: Point3<f64>| p + (q - p) * 0.5;
         let centroid = a + ((b - a) + (c - a)) / 3.0;
-        greatest(
+        max_or_nan(
             [a, b, c, middle(a, b), middle(b, c), middle(c, a), centroid]
                 .iter()
                 .map(distance),
         )
     };
-    Some(greatest(
+    Some(max_or_nan(
         (0..from.triangles.len())
             .into_par_iter()
             .map(furthest)

@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use super::working::Working;
 use super::{Step, topology};
 use crate::format::counted;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// Merges vertices on rims that are at most `within` apart with the lowest of them; 0 merges those in one place.
 ///
@@ -52,8 +52,8 @@ pub(super) fn merge(working: &mut Working, within: f64) {
     let distance = |v: &u32| {
         (working.vertices[*v as usize] - working.vertices[target[*v as usize] as usize]).norm()
     };
-    let moved = greatest(merged.iter().map(distance));
-    working.moved = greatest([working.moved, moved]);
+    let moved = max_or_nan(merged.iter().map(distance));
+    working.moved = max_or_nan([working.moved, moved]);
     working
         .triangles
         .iter_mut()

@@ -1,6 +1,6 @@
 //! The sphere around a body, and a place inside it.
 
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use nalgebra::{Point3, Vector3};
 
 use super::SphereError;
@@ -26,7 +26,7 @@ pub fn bounding_sphere(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
         }
     }
     // What rounding left outside.
-    let farthest = greatest(points.iter().map(|p| (p - centre).norm()).chain([radius]));
+    let farthest = max_or_nan(points.iter().map(|p| (p - centre).norm()).chain([radius]));
     (centre, farthest)
 }
 

@@ -19,7 +19,7 @@ use super::SphereError;
 use super::centre::bounding_sphere;
 use super::rings::{Removed, Rings};
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// The radius of the body, where two unit vectors at a right angle are 1.4 apart. Maps are as good from 2 to 6.
 const EXTENT: f64 = 3.0;
@@ -131,7 +131,7 @@ fn best(
     let ours = rings.of(vertex);
     let cost = |into: u32| {
         let from = &oriented_points[into as usize];
-        let longest = greatest(
+        let longest = max_or_nan(
             ours.iter()
                 .map(|&v| from.square(&oriented_points[v as usize])),
         );

@@ -8,7 +8,7 @@ use super::body::Body;
 use super::finding::{Touch, find};
 use super::impulse::{Part, Response, impulse};
 use crate::contact::Obstacle;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::springs::integrators::{SemiImplicitEuler, StepError};
 use crate::springs::stability;
 
@@ -86,9 +86,9 @@ impl Bodies {
         let met = Met {
             inside,
             crossings: touches.len() - inside,
-            depth: greatest(touches.iter().map(|t| t.depth)),
+            depth: max_or_nan(touches.iter().map(|t| t.depth)),
             impulses: self.respond(&touches),
-            approach: greatest(
+            approach: max_or_nan(
                 touches
                     .iter()
                     .map(|t| -self.approach(t))

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::body::Body;
 use super::edges::{Edge, Found, crossings};
 use crate::contact::Obstacle;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// A point of one body that meets a point of another, or of an obstacle.
 #[derive(Clone, Copy, Debug)]
@@ -88,7 +88,7 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
         (-outward, -above.min(below))
     };
     if let Some(out_of_edge) = bodies[first].normal_of_side(found.side) {
-        let deepest = greatest(
+        let deepest = max_or_nan(
             corner
                 .iter()
                 .map(|c| -out_of_edge.dot(&(c - p)))

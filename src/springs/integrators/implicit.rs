@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::StepError;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 use crate::springs::system::SpringSystem;
 
@@ -57,9 +57,9 @@ impl Equation<'_> {
             let step = self.linear(system, &x, &residual);
             v.iter_mut().zip(&step).for_each(|(v, step)| *v += step);
             // A stiff force rounds more than the equation wants; then the positions are as good as they can be.
-            let moves = greatest(step.iter().map(|s| s.norm())) * self.h;
-            let moved = greatest(x.iter().zip(&system.position).map(|(x, b)| (x - b).norm()));
-            let reach = greatest(x.iter().map(|x| x.coords.norm()));
+            let moves = max_or_nan(step.iter().map(|s| s.norm())) * self.h;
+            let moved = max_or_nan(x.iter().zip(&system.position).map(|(x, b)| (x - b).norm()));
+            let reach = max_or_nan(x.iter().map(|x| x.coords.norm()));
             if moves <= SOLVED * moved + ROUNDED * reach {
                 self.place(system, &v, &mut x);
                 system.position = x;

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Morph, Shape};
-use pliant::mesh::measures::{Aabb, greatest};
+use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::morph::distortion::area_shares;
 use pliant::morph::pose::axes;
 use pliant_render::{
@@ -48,7 +48,7 @@ impl Drawn {
                 .collect(),
             _ => Vec::new(),
         };
-        let range = (0.0, greatest(ways.iter().copied()));
+        let range = (0.0, max_or_nan(ways.iter().copied()));
         let legend = Legend::new(
             "Way",
             if morph.unit.is_some() { unit } else { "" },
@@ -206,7 +206,7 @@ fn outlines(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vec<Point3<f6
 
 /// Pieces into which a side is cut so that it looks round.
 fn pieces(sides: &[f64]) -> usize {
-    (greatest(sides.iter().copied()) / PIECE)
+    (max_or_nan(sides.iter().copied()) / PIECE)
         .ceil()
         .clamp(1.0, 32.0) as usize
 }
