@@ -14,21 +14,21 @@ const SETTLED: f64 = 1e-7;
 /// So many steps lie between two looks at the value.
 const BETWEEN: usize = 6;
 
-/// One motion of a system, `x'' + drag x' + square x = 0`.
+/// One motion of a system, `x'' + damping_rate x' + angular_frequency_squared x = 0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// Stiffness over mass, the square of the angular frequency [1/s2].
-    pub square: f64,
+    pub angular_frequency_squared: f64,
     /// Damping over mass [1/s].
-    pub drag: f64,
+    pub damping_rate: f64,
 }
 
 impl Mode {
     /// Of one mass [kg] on one spring [N/m] with damping [N s/m].
     pub fn of(stiffness: f64, damping: f64, mass: f64) -> Self {
         Self {
-            square: stiffness / mass,
-            drag: damping / mass,
+            angular_frequency_squared: stiffness / mass,
+            damping_rate: damping / mass,
         }
     }
 }
@@ -60,10 +60,13 @@ pub fn stiffest(system: &SpringSystem) -> Stiffest {
         .iter()
         .for_each(|f| f.add_row_sums(&system.position, &mut sums));
     let bound = max_or_nan(free().map(|i| row_bound(system, &sums, i)));
-    let drag = system.damping / lightest;
-    let (square, products) = lanczos(system);
+    let damping_rate = system.damping / lightest;
+    let (angular_frequency_squared, products) = lanczos(system);
     Stiffest {
-        mode: Mode { square, drag },
+        mode: Mode {
+            angular_frequency_squared,
+            damping_rate,
+        },
         bound,
         products,
     }
@@ -79,7 +82,7 @@ fn row_bound(system: &SpringSystem, sums: &[f64], i: usize) -> f64 {
 /// The stiffest motion and one without stiffness are looked at: between them limits of all integrators here are longer.
 pub fn limit(integrator: &dyn Integrator, stiffest: &Stiffest) -> f64 {
     let rigid = Mode {
-        square: 0.0,
+        angular_frequency_squared: 0.0,
         ..stiffest.mode
     };
     integrator.limit(stiffest.mode).min(integrator.limit(rigid))

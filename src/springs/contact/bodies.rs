@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use super::body::Body;
-use super::finding::{Touch, find};
+use super::finding::{Contact, find};
 use super::impulse::{Part, Response, impulse};
 use crate::contact::Obstacle;
 use crate::mesh::measures::max_or_nan;
@@ -15,7 +15,7 @@ use crate::springs::stability;
 /// Several bodies that may touch each other and what stands around them.
 ///
 /// A step is forces, velocities, impulses, positions: an impulse acts in its own step, because positions are moved with the
-/// new velocities (errata B05). What touches is found where the bodies are at the begin of the step, so bodies overlap by what
+/// new velocities (errata B05). Contacts are found where the bodies are at the begin of the step, so bodies overlap by what
 /// they move towards each other in one step; what is thinner than that may be passed through.
 pub struct Bodies {
     /// The bodies.
@@ -33,9 +33,9 @@ pub struct Bodies {
     pub put_out: f64,
 }
 
-/// What a step met.
+/// Contacts of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Met {
+pub struct StepContacts {
     /// Edges that cross triangles.
     pub crossings: usize,
     /// Vertices inside.
@@ -72,7 +72,7 @@ impl Bodies {
     /// # Errors
     /// Numbers that are not finite; the bodies are then as the failed step left them. What one body brings into the step does not
     /// reach the others.
-    pub fn step(&mut self, dt: f64) -> Result<Met, StepError> {
+    pub fn step(&mut self, dt: f64) -> Result<StepContacts, StepError> {
         self.check(dt)?;
         for body in &mut self.bodies {
             body.begin_step();
@@ -81,15 +81,15 @@ impl Bodies {
         // Before anything is looked for: what is nowhere touches nothing.
         self.check(dt)?;
         self.bodies.iter_mut().for_each(Body::refit);
-        let touches = find(&mut self.bodies, &self.obstacles);
-        let inside = touches.iter().filter(|t| t.depth > 0.0).count();
-        let met = Met {
+        let contacts = find(&mut self.bodies, &self.obstacles);
+        let inside = contacts.iter().filter(|t| t.depth > 0.0).count();
+        let met = StepContacts {
             inside,
-            crossings: touches.len() - inside,
-            depth: max_or_nan(touches.iter().map(|t| t.depth)),
-            impulses: self.respond(&touches),
+            crossings: contacts.len() - inside,
+            depth: max_or_nan(contacts.iter().map(|t| t.depth)),
+            impulses: self.respond(&contacts),
             approach: max_or_nan(
-                touches
+                contacts
                     .iter()
                     .map(|t| -self.approach(t))
                     .filter(|a| !(*a <= 0.0)),
@@ -100,7 +100,7 @@ impl Bodies {
             body.carry(dt);
         }
         if inside > 0 {
-            self.put_out(&touches);
+            self.put_out(&contacts);
         }
         self.check(dt)?;
         Ok(met)
@@ -114,7 +114,7 @@ impl Bodies {
     /// The two sides of a contact, with velocities or moves that `of` gives the points of a body.
     fn parts<'a>(
         &'a self,
-        t: &Touch,
+        t: &Contact,
         of: impl Fn(usize) -> &'a [Vector3<f64>],
     ) -> (Part<2>, Part<3>) {
         let (one, zero) = (&self.bodies[t.first], Vector3::zeros());
@@ -135,23 +135,23 @@ impl Bodies {
         (first, second)
     }
 
-    fn moving(&self, t: &Touch) -> (Part<2>, Part<3>) {
+    fn moving(&self, t: &Contact) -> (Part<2>, Part<3>) {
         self.parts(t, |body| &self.bodies[body].system.velocity)
     }
 
     /// Speed at which the two sides part [m/s]; negative where they approach.
-    fn approach(&self, t: &Touch) -> f64 {
+    fn approach(&self, t: &Contact) -> f64 {
         let (first, second) = self.moving(t);
         (second.at() - first.at()).dot(&t.normal)
     }
 
     /// Impulses in turn, until nothing approaches or the rounds are over; returns how many there were. Each is a collision of
     /// its own, after which there is no more energy than before.
-    fn respond(&mut self, touches: &[Touch]) -> usize {
+    fn respond(&mut self, contacts: &[Contact]) -> usize {
         let mut given = 0;
         for _ in 0..self.sweeps {
             let before = given;
-            for t in touches {
+            for t in contacts {
                 let (first, second) = self.moving(t);
                 let Some(j) = impulse(&t.normal, &first, &second, self.response) else {
                     continue;
@@ -181,13 +181,13 @@ impl Bodies {
 
     /// Moves the two sides of what is inside apart by a share of its depth, the lighter more; the centre of mass stays. What other
     /// contacts have moved apart already counts: a hundred vertices in one triangle move it as far as one.
-    fn put_out(&mut self, touches: &[Touch]) {
+    fn put_out(&mut self, contacts: &[Contact]) {
         let mut moves: Vec<Vec<Vector3<f64>>> = self
             .bodies
             .iter()
             .map(|b| vec![Vector3::zeros(); b.system.len()])
             .collect();
-        for t in touches.iter().filter(|t| t.depth > 0.0) {
+        for t in contacts.iter().filter(|t| t.depth > 0.0) {
             let (first, second) = self.parts(t, |body| &moves[body]);
             let mobility = first.mobility() + second.mobility();
             let left = self.put_out * t.depth - (second.at() - first.at()).dot(&t.normal);

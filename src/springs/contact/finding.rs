@@ -1,4 +1,4 @@
-//! What touches: edges that cross triangles, and points inside.
+//! Contacts: edges that cross triangles, and points inside.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::mesh::measures::max_or_nan;
 
 /// A point of one body that meets a point of another, or of an obstacle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Touch {
+pub(super) struct Contact {
     /// The body with the edge or the vertex.
     pub first: usize,
     /// Ends of the edge; a vertex twice.
@@ -27,8 +27,8 @@ pub(super) struct Touch {
     pub depth: f64,
 }
 
-/// All that touches, in an order that depends on the bodies and where they are alone; boxes are refitted.
-pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<Touch> {
+/// All contacts, in an order that depends on the bodies and where they are alone; boxes are refitted.
+pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<Contact> {
     let mut near = Vec::new();
     for i in 0..bodies.len() {
         for j in i + 1..bodies.len() {
@@ -38,12 +38,12 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
             }
         }
     }
-    let mut asked: Vec<usize> = near.iter().flatten().copied().collect();
-    asked.sort_unstable();
-    asked.dedup();
-    asked.iter().for_each(|&i| bodies[i].refit_inside());
+    let mut near_bodies: Vec<usize> = near.iter().flatten().copied().collect();
+    near_bodies.sort_unstable();
+    near_bodies.dedup();
+    near_bodies.iter().for_each(|&i| bodies[i].refit_inside());
     let bodies = &*bodies;
-    let mut touches = Vec::new();
+    let mut contacts = Vec::new();
     for [i, j] in near {
         crossings(bodies[i].sheet(), bodies[j].sheet(), |found| {
             let (first, second) = if found.which == Edge::OfFirst {
@@ -51,10 +51,10 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
             } else {
                 (j, i)
             };
-            touches.extend(crossed(bodies, first, second, &found));
+            contacts.extend(crossed(bodies, first, second, &found));
         });
-        vertices(bodies, i, j, &mut touches);
-        vertices(bodies, j, i, &mut touches);
+        vertices(bodies, i, j, &mut contacts);
+        vertices(bodies, j, i, &mut contacts);
     }
     for (first, body) in bodies
         .iter()
@@ -63,14 +63,14 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
     {
         obstacles
             .iter()
-            .for_each(|o| against(first, body, &**o, &mut touches));
+            .for_each(|o| against(first, body, &**o, &mut contacts));
     }
-    touches
+    contacts
 }
 
 /// The normal is that of the triangle or that of the edge, whichever is the shorter way out: an edge of a floor that passes
 /// through the side of what rests on it, by the depth of a contact, would else stop it from sliding.
-fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Option<Touch> {
+fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Option<Contact> {
     let (one, two) = (
         &bodies[first].system.position,
         &bodies[second].system.position,
@@ -98,7 +98,7 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
             normal = out_of_edge;
         }
     }
-    Some(Touch {
+    Some(Contact {
         first,
         ends: found.edge,
         end_weights: found.at.edge,
@@ -112,7 +112,7 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
 
 /// Vertices of one body inside another. A flat side that goes through another has no edge that crosses anything but at its
 /// rim, and what is within would sink on.
-fn vertices(bodies: &[Body], first: usize, second: usize, touches: &mut Vec<Touch>) {
+fn vertices(bodies: &[Body], first: usize, second: usize, contacts: &mut Vec<Contact>) {
     let Some(surface) = bodies[second].inside() else {
         return;
     };
@@ -126,7 +126,7 @@ fn vertices(bodies: &[Body], first: usize, second: usize, touches: &mut Vec<Touc
             .nearest(p, f64::MAX)
             .filter(|on| on.closest.distance < 0.0)
         {
-            touches.push(Touch {
+            contacts.push(Contact {
                 first,
                 ends: [v; 2],
                 end_weights: [1.0, 0.0],
@@ -140,7 +140,7 @@ fn vertices(bodies: &[Body], first: usize, second: usize, touches: &mut Vec<Touc
     }
 }
 
-fn against(first: usize, body: &Body, obstacle: &dyn Obstacle, touches: &mut Vec<Touch>) {
+fn against(first: usize, body: &Body, obstacle: &dyn Obstacle, contacts: &mut Vec<Contact>) {
     let bounds = obstacle.bounding_box();
     if !body.bounds().intersects(&bounds) {
         return;
@@ -151,7 +151,7 @@ fn against(first: usize, body: &Body, obstacle: &dyn Obstacle, touches: &mut Vec
             continue;
         }
         if let Some(closest) = obstacle.closest(p).filter(|c| c.distance < 0.0) {
-            touches.push(Touch {
+            contacts.push(Contact {
                 first,
                 ends: [v; 2],
                 end_weights: [1.0, 0.0],

@@ -89,7 +89,8 @@ impl Integrator for Verlet {
         finite(system, dt)
     }
 
-    fn limit(&self, Mode { square, drag }: Mode) -> f64 {
+    fn limit(&self, mode: Mode) -> f64 {
+        let (square, drag) = (mode.angular_frequency_squared, mode.damping_rate);
         // dt < (-c + sqrt(c^2 + 4 k m))/k, written so that nothing cancels.
         let root = drag + (drag * drag + 4.0 * square).sqrt();
         if root > 0.0 {
