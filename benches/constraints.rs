@@ -9,7 +9,7 @@ use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, 
 use measured::{
     Body, DT, batch, exponent, pool, quick, result, seconds, volume_error, with_threads,
 };
-use pliant::constraints::{Order, Project, Width};
+use pliant::constraints::{Order, Project, SimdWidth};
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, order};
 use pliant::particles::Particles;
@@ -28,7 +28,7 @@ fn sphere(level: u32) -> Body {
 
 /// All widths and one or two threads leave the same bits, and the sweeps bring edges and volume nearer to rest.
 fn check(body: &Body) {
-    let run = |width: Width, threads: usize| {
+    let run = |width: SimdWidth, threads: usize| {
         with_threads(threads, || {
             let count = body.start.len();
             let mut particles = body.start.clone();
@@ -48,9 +48,9 @@ fn check(body: &Body) {
             particles
         })
     };
-    let one = run(Width::One, 1);
+    let one = run(SimdWidth::One, 1);
     assert!(one.first_non_finite().is_none() && one != body.start);
-    for &width in Width::available() {
+    for &width in SimdWidth::available() {
         assert!(run(width, 1) == one && run(width, 2) == one, "{width}");
     }
 }
@@ -91,7 +91,7 @@ fn kinds(c: &mut Criterion) {
     let body = sphere(5);
     check(&body);
     let count = body.start.len();
-    for &width in Width::available() {
+    for &width in SimdWidth::available() {
         let what = format!("coloured, {width}");
         bench(
             c,
@@ -130,7 +130,7 @@ fn kinds(c: &mut Criterion) {
         "edges",
         "stored order".into(),
         &body,
-        batch(&body.edges, Order::Stored, Width::One, count),
+        batch(&body.edges, Order::Stored, SimdWidth::One, count),
         1,
     );
     bench(
@@ -138,7 +138,7 @@ fn kinds(c: &mut Criterion) {
         "hinges",
         "stored order".into(),
         &body,
-        batch(&body.hinges, Order::Stored, Width::One, count),
+        batch(&body.hinges, Order::Stored, SimdWidth::One, count),
         1,
     );
     let large = sphere(7);
@@ -146,7 +146,7 @@ fn kinds(c: &mut Criterion) {
         let sweep = batch(
             &large.hinges,
             Order::Coloured,
-            Width::One,
+            SimdWidth::One,
             large.start.len(),
         );
         bench(
@@ -176,7 +176,7 @@ fn least(body: &Body, mut batch: impl Project) -> f64 {
 }
 
 /// Least time [s] of some projections of a volume.
-fn least_of_volume(body: &Body, width: Width) -> f64 {
+fn least_of_volume(body: &Body, width: SimdWidth) -> f64 {
     let mut volume = body.volume(width);
     let mut particles = body.start.clone();
     let mut once = || {
@@ -197,7 +197,7 @@ fn growth(_: &mut Criterion) {
     }
     let bodies = LEVELS.map(sphere);
     let sizes = bodies.each_ref().map(|b| b.start.len() as f64);
-    for &width in Width::available() {
+    for &width in SimdWidth::available() {
         let name = measured::key(&width.to_string());
         result(
             &format!("constraints.volume.{name}.{}", sizes[1]),

@@ -10,7 +10,7 @@ use std::hint::black_box;
 use measured::scene::{PRESSED, Scene};
 use measured::turned::Turned;
 use measured::{Body, pool};
-use pliant::constraints::{Order, Width};
+use pliant::constraints::{Order, SimdWidth};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::shapes::tube;
 
@@ -20,7 +20,7 @@ fn counted(deed: &mut dyn FnMut()) {
     deed();
 }
 
-fn sweep(width: Width) {
+fn sweep(width: SimdWidth) {
     let body = Body::of(tube(0.25, 2.0, 44));
     let mut all = body.sweep(Order::Coloured, width);
     let mut particles = body.start.clone();
@@ -29,7 +29,7 @@ fn sweep(width: Width) {
     assert!(particles != body.start);
 }
 
-fn step(width: Width) {
+fn step(width: SimdWidth) {
     let mut scene = Scene::new(32, 32).with_width(width);
     let frame = |scene: &mut Scene| {
         scene.step();
@@ -40,7 +40,7 @@ fn step(width: Width) {
     scene.check();
 }
 
-fn contact(_: Width) {
+fn contact(_: SimdWidth) {
     let (bone, muscle) = (Surface::new(&tube(0.02, 0.4, 40)), tube(0.03, 0.24, 30));
     let mut sum = 0.0;
     counted(&mut || {
@@ -54,7 +54,7 @@ fn contact(_: Width) {
     assert!(sum > 0.0);
 }
 
-fn factor(_: Width) {
+fn factor(_: SimdWidth) {
     let mesh = tube(0.25, 2.0, 44);
     let turned = Turned::new(&mesh);
     let mut energy = Some(turned.energy());
@@ -63,7 +63,7 @@ fn factor(_: Width) {
     assert!(solver.is_some_and(|solver| solver.entries() > 0));
 }
 
-fn solve(_: Width) {
+fn solve(_: SimdWidth) {
     let mesh = tube(0.25, 2.0, 44);
     let turned = Turned::new(&mesh);
     let mut solver = turned.factored(turned.energy());
@@ -71,7 +71,7 @@ fn solve(_: Width) {
 }
 
 /// A name, what is done, and whether it can be told how many lanes to take.
-type Task = (&'static str, fn(Width), bool);
+type Task = (&'static str, fn(SimdWidth), bool);
 
 const TASKS: [Task; 5] = [
     ("sweep", sweep, true),
@@ -86,7 +86,7 @@ fn main() {
         .skip(1)
         .filter(|a| !a.starts_with("--"))
         .collect();
-    let lanes = |width: &Width| {
+    let lanes = |width: &SimdWidth| {
         words
             .get(1)
             .is_none_or(|w| width.to_string().starts_with(w.as_str()))
@@ -96,11 +96,15 @@ fn main() {
         .into_iter()
         .filter(|(name, ..)| words.first().is_none_or(|w| w == name))
     {
-        let widths: Vec<Width> = Width::available().iter().copied().filter(lanes).collect();
+        let widths: Vec<SimdWidth> = SimdWidth::available()
+            .iter()
+            .copied()
+            .filter(lanes)
+            .collect();
         for width in if in_lanes {
             widths
         } else {
-            vec![Width::best()]
+            vec![SimdWidth::best()]
         } {
             pool(1).install(|| task(width));
             println!("done: {name}, {width}");

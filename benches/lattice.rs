@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use measured::{key, pool, quick, result, seconds};
-use pliant::constraints::Width;
+use pliant::constraints::SimdWidth;
 use pliant::simd::Number;
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{Lattice, Rest, Settings, Shape};
@@ -99,7 +99,7 @@ fn copying() -> f64 {
 fn sizes(_: &mut Criterion) {
     let bandwidth = copying();
     result("lattice.copy", bandwidth / 1e9, "GB/s");
-    measured::note("lattice.width", Width::best());
+    measured::note("lattice.width", SimdWidth::best());
     let all = if quick() { &SOURCE[..2] } else { &SOURCE[..] };
     for (which, neighbours, name) in [
         (0, Neighbours::Six, "six"),

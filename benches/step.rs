@@ -13,7 +13,7 @@ use measured::turned::Turned;
 use measured::{
     Body, compare, exponent, in_turn, pool, quick, result, seconds, volume_error, with_threads,
 };
-use pliant::constraints::{Order, Width};
+use pliant::constraints::{Order, SimdWidth};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
 use pliant::particles::Particles;
@@ -78,7 +78,7 @@ fn frame(c: &mut Criterion) {
 
 /// Both orders satisfy the constraints equally well; widths and threads change no bit.
 fn check(body: &Body) {
-    let solved = |order: Order, width: Width, threads: usize| {
+    let solved = |order: Order, width: SimdWidth, threads: usize| {
         with_threads(threads, || {
             let (mut all, mut particles) = (body.sweep(order, width), body.start.clone());
             all.sweep(&mut particles);
@@ -88,15 +88,15 @@ fn check(body: &Body) {
             (all.residuals(&particles), particles)
         })
     };
-    let (stored, _) = solved(Order::Stored, Width::One, 1);
-    let (coloured, one) = solved(Order::Coloured, Width::One, 1);
+    let (stored, _) = solved(Order::Stored, SimdWidth::One, 1);
+    let (coloured, one) = solved(Order::Coloured, SimdWidth::One, 1);
     for (c, s) in coloured.iter().zip(&stored) {
         assert!(
             *s > 0.0 && *c <= 1.1 * s,
             "residuals [m]: coloured {coloured:?}, stored {stored:?}"
         );
     }
-    for &width in Width::available() {
+    for &width in SimdWidth::available() {
         for threads in [1, 2] {
             assert!(
                 solved(Order::Coloured, width, threads).1 == one,
@@ -123,8 +123,8 @@ fn sweeps(c: &mut Criterion) {
         .measurement_time(Duration::from_millis(800));
     let pool = pool(1);
     for (name, order, widths) in [
-        ("coloured", Order::Coloured, Width::available()),
-        ("stored order", Order::Stored, &Width::available()[..1]),
+        ("coloured", Order::Coloured, SimdWidth::available()),
+        ("stored order", Order::Stored, &SimdWidth::available()[..1]),
     ] {
         for &width in widths {
             let mut all = body.sweep(order, width);
@@ -141,8 +141,8 @@ fn sweeps(c: &mut Criterion) {
     }
     group.finish();
     let (mut scalar, mut lanes) = (
-        body.sweep(Order::Coloured, Width::One),
-        body.sweep(Order::Coloured, Width::best()),
+        body.sweep(Order::Coloured, SimdWidth::One),
+        body.sweep(Order::Coloured, SimdWidth::best()),
     );
     let (mut a, mut b) = (body.start.clone(), body.start.clone());
     let times = pool.install(|| {
@@ -156,7 +156,7 @@ fn sweeps(c: &mut Criterion) {
     });
     assert!(a == b, "lanes left other bits");
     compare("step.sweep", ["scalar", "lanes"], &times);
-    measured::note("step.sweep.width", Width::best());
+    measured::note("step.sweep.width", SimdWidth::best());
 }
 
 /// A sweep from the start; its copy is a hundredth of the time.
@@ -175,8 +175,8 @@ fn threads(_: &mut Criterion) {
     );
     let (one, two) = (pool(1), pool(2));
     for (name, width) in [
-        ("step.threads.lanes", Width::best()),
-        ("step.threads.scalar", Width::One),
+        ("step.threads.lanes", SimdWidth::best()),
+        ("step.threads.scalar", SimdWidth::One),
     ] {
         let mut sets = [
             body.sweep(Order::Coloured, width),
@@ -207,7 +207,7 @@ fn growth(_: &mut Criterion) {
     for &size in all {
         let body = Body::of(tube(0.25, 2.0, size));
         let count = body.start.len();
-        let mut lanes = body.sweep(Order::Coloured, Width::best());
+        let mut lanes = body.sweep(Order::Coloured, SimdWidth::best());
         let mut particles = body.start.clone();
         let rounds = if quick() {
             1

@@ -42,7 +42,7 @@ pub trait Value: Sized {
     ///
     /// # Errors
     /// The bytes end, or are no such value.
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt>;
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError>;
 }
 
 /// Appends state to bytes.
@@ -55,13 +55,13 @@ pub struct Writer {
 impl Writer {
     /// Appends a value.
     pub fn put(&mut self, value: &impl Value) {
-        value.put(self);
+        value.encode(self);
     }
 
     /// Appends a list.
     pub fn list<T: Value>(&mut self, values: &[T]) {
         self.put(&values.len());
-        values.iter().for_each(|value| value.put(self));
+        values.iter().for_each(|value| value.encode(self));
     }
 }
 
@@ -109,7 +109,7 @@ impl<'a> Reader<'a> {
         Ok(head)
     }
 
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], Corrupt> {
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
         let mut array = [0; N];
         array.copy_from_slice(self.slice(N)?);
         Ok(array)
@@ -166,11 +166,11 @@ impl<'a> Reader<'a> {
 macro_rules! numbers {
     ($($kind:ty),*) => {$(
         impl Value for $kind {
-            const LEAST: usize = size_of::<$kind>();
-            fn put(&self, to: &mut Writer) {
+            const MIN_BYTES: usize = size_of::<$kind>();
+            fn encode(&self, to: &mut Writer) {
                 to.bytes.extend_from_slice(&self.to_le_bytes());
             }
-            fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+            fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
                 Ok(Self::from_le_bytes(from.array()?))
             }
         }
@@ -180,23 +180,23 @@ macro_rules! numbers {
 numbers!(u8, u32, u64, u128, f64);
 
 impl Value for usize {
-    const LEAST: usize = 8;
-    fn put(&self, to: &mut Writer) {
-        (*self as u64).put(to);
+    const MIN_BYTES: usize = 8;
+    fn encode(&self, to: &mut Writer) {
+        (*self as u64).encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let number: u64 = from.take()?;
         usize::try_from(number).map_err(|_| from.corrupt("a number too large for this machine"))
     }
 }
 
 impl Value for bool {
-    const LEAST: usize = 1;
-    fn put(&self, to: &mut Writer) {
-        u8::from(*self).put(to);
+    const MIN_BYTES: usize = 1;
+    fn encode(&self, to: &mut Writer) {
+        u8::from(*self).encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        match u8::take(from)? {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        match u8::decode(from)? {
             0 => Ok(false),
             1 => Ok(true),
             _ => Err(from.corrupt("neither yes nor no")),
@@ -205,9 +205,9 @@ impl Value for bool {
 }
 
 impl<T: Value, const N: usize> Value for [T; N] {
-    const LEAST: usize = T::LEAST * N;
-    fn put(&self, to: &mut Writer) {
-        self.iter().for_each(|value| value.put(to));
+    const MIN_BYTES: usize = T::MIN_BYTES * N;
+    fn encode(&self, to: &mut Writer) {
+        self.iter().for_each(|value| value.encode(to));
     }
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let values: Vec<T> = (0..N).map(|_| T::take(from)).collect::<Result<_, _>>()?;
@@ -219,45 +219,45 @@ impl<T: Value, const N: usize> Value for [T; N] {
 }
 
 impl Value for Vector3<f64> {
-    const LEAST: usize = 24;
-    fn put(&self, to: &mut Writer) {
-        self.iter().for_each(|c| c.put(to));
+    const MIN_BYTES: usize = 24;
+    fn encode(&self, to: &mut Writer) {
+        self.iter().for_each(|c| c.encode(to));
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self::new(from.take()?, from.take()?, from.take()?))
     }
 }
 
 impl Value for Point3<f64> {
-    const LEAST: usize = 24;
-    fn put(&self, to: &mut Writer) {
-        self.coords.put(to);
+    const MIN_BYTES: usize = 24;
+    fn encode(&self, to: &mut Writer) {
+        self.coords.encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self::from(from.take::<Vector3<f64>>()?))
     }
 }
 
 impl<A: Value, B: Value> Value for (A, B) {
-    const LEAST: usize = A::LEAST + B::LEAST;
-    fn put(&self, to: &mut Writer) {
-        self.0.put(to);
-        self.1.put(to);
+    const MIN_BYTES: usize = A::MIN_BYTES + B::MIN_BYTES;
+    fn encode(&self, to: &mut Writer) {
+        self.0.encode(to);
+        self.1.encode(to);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok((from.take()?, from.take()?))
     }
 }
 
 impl<T: Value> Value for Option<T> {
-    const LEAST: usize = 1;
-    fn put(&self, to: &mut Writer) {
-        self.is_some().put(to);
+    const MIN_BYTES: usize = 1;
+    fn encode(&self, to: &mut Writer) {
+        self.is_some().encode(to);
         if let Some(value) = self {
-            value.put(to);
+            value.encode(to);
         }
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(if from.take()? {
             Some(from.take()?)
         } else {
@@ -267,12 +267,12 @@ impl<T: Value> Value for Option<T> {
 }
 
 impl<T: Value> Value for Vec<T> {
-    const LEAST: usize = 8;
-    fn put(&self, to: &mut Writer) {
+    const MIN_BYTES: usize = 8;
+    fn encode(&self, to: &mut Writer) {
         to.list(self);
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        let count = from.length(T::LEAST)?;
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        let count = from.length(T::MIN_BYTES)?;
         let mut values = Self::with_capacity(count);
         for _ in 0..count {
             values.push(from.take()?);
@@ -282,12 +282,12 @@ impl<T: Value> Value for Vec<T> {
 }
 
 impl Value for String {
-    const LEAST: usize = 8;
-    fn put(&self, to: &mut Writer) {
-        self.len().put(to);
+    const MIN_BYTES: usize = 8;
+    fn encode(&self, to: &mut Writer) {
+        self.len().encode(to);
         to.bytes.extend_from_slice(self.as_bytes());
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let count = from.length(1)?;
         let bytes = from.slice(count)?;
         std::str::from_utf8(bytes)

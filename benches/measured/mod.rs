@@ -12,7 +12,7 @@ use std::time::Instant;
 pub use lines::{compare, key, note, quartiles, quick, result};
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
-    Batch, Bending, Constraint, Distance, EnclosedVolume, Order, Project, Width,
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Order, Project, SimdWidth,
 };
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::{Packed, Particles};
@@ -100,7 +100,7 @@ impl Body {
         }
     }
 
-    pub fn volume(&self, width: Width) -> EnclosedVolume {
+    pub fn volume(&self, width: SimdWidth) -> EnclosedVolume {
         EnclosedVolume::new(
             &self.mesh.triangles,
             self.mesh.vertices.len(),
@@ -116,7 +116,7 @@ impl Body {
         packed
     }
 
-    pub fn sweep(&self, order: Order, width: Width) -> Swept {
+    pub fn sweep(&self, order: Order, width: SimdWidth) -> Swept {
         let count = self.start.len();
         Swept {
             edges: batch(&self.edges, order, width, count),
@@ -130,7 +130,7 @@ impl Body {
 pub fn batch<C: Constraint<K>, const K: usize>(
     (all, compliance): &(Vec<C>, Vec<f64>),
     order: Order,
-    width: Width,
+    width: SimdWidth,
     count: usize,
 ) -> Batch<C, K> {
     Batch::new(all.clone(), compliance.clone(), order, count, &[]).with_width(width)

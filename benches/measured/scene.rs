@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use pliant::constraints::{Batch, EnclosedVolume, Order, Width};
+use pliant::constraints::{Batch, EnclosedVolume, Order, SimdWidth};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use pliant::mesh::shapes::tube;
 use pliant::mesh::{Topology, TriangleMesh};
@@ -115,7 +115,7 @@ impl Scene {
 
     /// With as many lanes as `width` says.
     #[must_use]
-    pub fn with_width(mut self, width: Width) -> Self {
+    pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.system
             .elastic
             .iter_mut()

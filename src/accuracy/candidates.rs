@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::constraints::lanes::Width;
+use crate::constraints::lanes::SimdWidth;
 use crate::contact::broad_phase::{METHODS, Method};
 pub use crate::scene::Question;
 use crate::scene::solvers::{self, ENOUGH_ITERATIONS};
@@ -29,7 +29,7 @@ impl Candidate {
     pub fn new(solver: Solver, threads: usize) -> Self {
         Self {
             solver,
-            width: Width::best(),
+            width: SimdWidth::best(),
             threads,
             way: None,
         }

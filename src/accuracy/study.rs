@@ -488,7 +488,7 @@ impl Measuring<'_> {
         {
             if candidate.solver.minimisation().is_none() && candidate.width != Width::One {
                 add(Candidate {
-                    width: Width::One,
+                    width: SimdWidth::One,
                     ..candidate
                 });
             }

@@ -12,7 +12,7 @@ use super::order::{Order, Schedule, schedule};
 use super::projection::{Span, Sweep};
 use crate::mesh::measures::greatest;
 use crate::particles::{Numbering, Packed, Particles};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Less work than this is done by one thread: below it the hand-over costs more than a second one gains. In constraints
 /// times squared points, which goes about with the time of a projection.
@@ -87,7 +87,7 @@ pub struct Batch<C, const K: usize> {
     /// Where each one's particles are in their block.
     places: Vec<[u32; K]>,
     spans: Vec<Span>,
-    width: Width,
+    width: SimdWidth,
     packed: Packed,
     calls: u64,
     skipped: u64,
@@ -151,7 +151,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             multipliers: vec![0.0; constraints.len()],
             places: places(&schedule, &points),
             spans: spans(&schedule, &points),
-            width: Width::best(),
+            width: SimdWidth::best(),
             packed: Packed::new(numbering.clone()),
             schedule,
             calls: 0,
@@ -197,7 +197,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     /// Computes as many constraints at once as `width` says, where the processor can, in place of as many as it can.
     /// Changes no bit of any result.
     #[must_use]
-    pub fn with_width(mut self, width: Width) -> Self {
+    pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
         self
     }
@@ -269,7 +269,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
 #[derive(Clone, Copy)]
 struct Phase<'a, C, const K: usize> {
     spans: &'a [Span],
-    width: Width,
+    width: SimdWidth,
     parallel: bool,
     sweep: SweepBlock<C, K>,
 }
@@ -440,7 +440,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         let mut distances = acting
             .filter_map(|j| self.distance(j, particles, dt))
             .peekable();
-        distances.peek().is_some().then(|| greatest(distances))
+        distances.peek().is_some().then(|| max_or_nan(distances))
     }
 
     fn usage(&self) -> Usage {
@@ -451,7 +451,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         }
     }
 
-    fn set_width(&mut self, width: Width) {
+    fn set_width(&mut self, width: SimdWidth) {
         self.width = width;
     }
 }

@@ -4,9 +4,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::rings::{Rings, Terms};
-use super::{Residual, Width};
+use super::{Residual, SimdWidth};
 use crate::particles::{Packed, Particles, SHARE, Slot, is_shared};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Keeps the volume enclosed by a closed, consistently oriented surface at `target` [m^3].
 ///
@@ -18,7 +18,7 @@ use crate::state::{Corrupt, Reader, State, Writer};
 pub struct EnclosedVolume {
     triangles: Vec<[u32; 3]>,
     rings: Rings,
-    width: Width,
+    width: SimdWidth,
     target: f64,
     compliance: f64,
     relaxation: f64,
@@ -50,7 +50,7 @@ impl EnclosedVolume {
         Self {
             triangles: triangles.to_vec(),
             rings: Rings::new(triangles, count),
-            width: Width::best(),
+            width: SimdWidth::best(),
             target,
             compliance,
             relaxation: 1.0,
@@ -74,7 +74,7 @@ impl EnclosedVolume {
     /// Sets the SIMD width, where the processor has it, instead of the widest. Changes no bit of
     /// any result.
     #[must_use]
-    pub fn with_width(mut self, width: Width) -> Self {
+    pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
         self
     }
@@ -295,7 +295,7 @@ impl State for EnclosedVolume {
         to.put(&(*calls, *unsolved));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.multiplier = from.take()?;
         (self.calls, self.unsolved) = from.take()?;
         Ok(())

@@ -1,7 +1,7 @@
 //! Several constraints at once, one a lane.
 
 pub(crate) use crate::simd::{InLanes, Triple, cross, dot, neg, run, scale, sub};
-pub use crate::simd::{Lane, Width};
+pub use crate::simd::{Lane, SimdWidth};
 
 /// Does the same for `k` from 0 to below `K`, at most 6, with `k` known to the compiler: a loop over arrays of lanes
 /// that it does not unroll goes through memory.

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use super::lanes::{InLanes, Lane, Triple, Width, cross, dot, run, sub};
+use super::lanes::{InLanes, Lane, SimdWidth, Triple, cross, dot, run, sub};
 use crate::mesh::sum::tree_sum;
 use crate::particles::{SHARE, Slot, is_shared};
 
@@ -61,7 +61,7 @@ impl Rings {
     /// a work array.
     pub fn volume(
         &self,
-        width: Width,
+        width: SimdWidth,
         x: &[Slot],
         gradient: &mut [Slot],
         terms: &mut Terms,
@@ -99,7 +99,7 @@ impl Rings {
     /// the volume.
     pub fn along(
         &self,
-        width: Width,
+        width: SimdWidth,
         x: &[Slot],
         gradient: &[Slot],
         field: &[Slot],

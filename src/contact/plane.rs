@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::state::{Corrupt, Reader, Value, Writer};
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// A half-space constraint on a weighted mean of up to three vertices: n.(sum w x - o) >= distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,9 +59,9 @@ impl ContactPlane {
 }
 
 impl Value for ContactPlane {
-    const LEAST: usize = 3 * 12 + 24 + 24 + 8;
+    const MIN_BYTES: usize = 3 * 12 + 24 + 24 + 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             terms,
             normal,
@@ -74,7 +74,7 @@ impl Value for ContactPlane {
         to.put(distance);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self {
             terms: from.take()?,
             normal: from.take()?,

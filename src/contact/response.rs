@@ -10,9 +10,9 @@ use super::vertices::{self, VertexContacts};
 use super::{Obstacle, PosedObstacle, Projection};
 use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::particles::{Particles, Slot};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Distance between a bone vertex and a triangle, in contact thicknesses. It is smaller than that
 /// between a vertex and a bone, so that a triangle whose corners rest on a gently curved bone does
@@ -552,7 +552,7 @@ impl State for Contacts {
         to.put(calls);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.surface.restore(from)?;
         self.vertices
             .iter_mut()
@@ -593,7 +593,7 @@ fn free(particles: &Particles) -> impl Iterator<Item = u32> {
 
 /// Greatest distance between points of the same index [m]; NaN if one is NaN.
 fn greatest_distance(x: &[Point3<f64>], others: impl Iterator<Item = Point3<f64>>) -> f64 {
-    greatest(x.iter().zip(others).map(|(x, o)| (x - o).norm_squared())).sqrt()
+    max_or_nan(x.iter().zip(others).map(|(x, o)| (x - o).norm_squared())).sqrt()
 }
 
 fn two_lowest(heights: &[f64]) -> f64 {

@@ -13,7 +13,7 @@ use super::{Obstacle, Projection};
 use crate::mesh::TriangleMesh;
 use crate::mesh::inside::crossing;
 use crate::mesh::measures::Aabb;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A triangle surface in a bounding volume hierarchy.
 #[derive(Clone)]
@@ -213,7 +213,7 @@ impl State for Surface {
         to.list(self.positions());
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let positions = from.exactly::<Point3<f64>>(self.positions().len())?;
         let finite = positions
             .iter()

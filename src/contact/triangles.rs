@@ -9,9 +9,9 @@ use super::{Obstacle, OnTriangle, PosedObstacle};
 use crate::constraints::{
     Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact,
 };
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::particles::Particles;
-use crate::state::{Corrupt, Reader, Value, Writer};
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// A bone vertex farther from the muscle than this is inactive, in contact thicknesses.
 const NEAR: f64 = 6.0;
@@ -350,15 +350,15 @@ impl TriangleContacts {
 }
 
 impl Value for Watched {
-    const LEAST: usize = 4 + 8;
+    const MIN_BYTES: usize = 4 + 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self { point, triangles } = self;
         to.put(point);
         to.list(triangles);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self {
             point: from.take()?,
             triangles: from.take()?,
@@ -367,9 +367,9 @@ impl Value for Watched {
 }
 
 impl Value for TriangleContact {
-    const LEAST: usize = 12 + 24 + 24 + 24 + 8;
+    const MIN_BYTES: usize = 12 + 24 + 24 + 24 + 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             points,
             origin,
@@ -384,7 +384,7 @@ impl Value for TriangleContact {
         to.put(thickness);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let (points, origin, normal) = (from.take()?, from.take()?, from.take()?);
         Ok(Self {
             points,

@@ -8,7 +8,7 @@ use crate::constraints::{
     Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order,
 };
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::{greatest, median};
+use crate::mesh::measures::{max_or_nan, median};
 use crate::mesh::topology::Topology;
 use crate::particles::Particles;
 
@@ -98,7 +98,7 @@ pub(crate) fn push_out(
     }
     mesh.vertices = particles.position;
     let moved = |(a, b): (&nalgebra::Point3<f64>, &nalgebra::Point3<f64>)| (a - b).norm();
-    report.moved = greatest(mesh.vertices.iter().zip(&before.vertices).map(moved));
+    report.moved = max_or_nan(mesh.vertices.iter().zip(&before.vertices).map(moved));
     report.volume_change = mesh.volume() / before.volume() - 1.0;
     report
 }

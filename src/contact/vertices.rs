@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::response::MotionBound;
 use super::{Obstacle, PosedObstacle, Projection};
-use crate::state::{Corrupt, Reader, State, Value, Writer};
+use crate::state::{DecodeError, Reader, State, Value, Writer};
 
 /// A vertex farther away than this, in contact thicknesses, has no plane, only a bound until its
 /// next query.
@@ -323,9 +323,9 @@ impl VertexContacts {
 }
 
 impl Value for Known {
-    const LEAST: usize = 24 + (8 + 24 + 24) + 16;
+    const MIN_BYTES: usize = 24 + (8 + 24 + 24) + 16;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             from,
             closest:
@@ -344,7 +344,7 @@ impl Value for Known {
         to.put(&(*bound, *wake));
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let at = from.take()?;
         let closest = Projection {
             distance: from.take()?,
@@ -362,9 +362,9 @@ impl Value for Known {
 }
 
 impl Value for VertexPlane {
-    const LEAST: usize = 4 + 24 + 24 + 8;
+    const MIN_BYTES: usize = 4 + 24 + 24 + 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             vertex,
             origin,
@@ -377,7 +377,7 @@ impl Value for VertexPlane {
         to.put(push);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self {
             vertex: from.take()?,
             origin: from.take()?,
@@ -404,7 +404,7 @@ impl State for VertexContacts {
         to.put(&(*lookups, *stopped));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         from.fill(&mut self.known)?;
         self.looked = from.take()?;
         from.check(

@@ -4,7 +4,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::mesh::measures::{Aabb, greatest};
+use crate::mesh::measures::{Aabb, max_or_nan};
 
 /// Factor 0..1 of each edge: 1 - A |u.v|^power, with the unit vectors u along the edge and v along
 /// the nearest fibre segment (erratum A12: without the absolute value half of all edges would get
@@ -64,7 +64,7 @@ impl Segments {
             .chunks(TOGETHER)
             .map(|some| Aabb::of_points(some.iter().flatten()))
             .collect();
-        let size = greatest(all.iter().flatten().map(|p| p.coords.amax()));
+        let size = max_or_nan(all.iter().flatten().map(|p| p.coords.amax()));
         Self { all, boxes, size }
     }
 

@@ -147,7 +147,7 @@ mod tests {
         let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| map * v).collect();
         let errors = |other: f64| {
             let there = bound.at(&moved);
-            crate::mesh::measures::greatest(
+            crate::mesh::measures::max_or_nan(
                 line.iter()
                     .zip(&there[0])
                     .map(|(a, b)| (map * a * other - b).norm()),

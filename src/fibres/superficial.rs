@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use super::polyline::length;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::measures::{greatest, median};
+use crate::mesh::measures::{max_or_nan, median};
 
 /// A line is off the surface if its median distance exceeds this share of the muscle's length.
 pub const FARTHEST: f64 = 0.05;
@@ -74,7 +74,7 @@ pub fn register(
                 length: whole,
             });
         }
-        all.distance_max = greatest(distances().chain([all.distance_max]));
+        all.distance_max = max_or_nan(distances().chain([all.distance_max]));
         all.lines.push(found.iter().map(|f| f.point).collect());
     }
     if all.lines.is_empty() {

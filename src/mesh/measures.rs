@@ -464,8 +464,8 @@ mod tests {
 
     #[test]
     fn the_greatest_does_not_hide_what_is_no_number() {
-        assert_eq!(greatest([]), 0.0);
-        assert_eq!(greatest([1.0, 3.0, 2.0]), 3.0);
-        assert!(greatest([1.0, f64::NAN, 2.0]).is_nan() && greatest([f64::NAN, 5.0]).is_nan());
+        assert_eq!(max_or_nan([]), 0.0);
+        assert_eq!(max_or_nan([1.0, 3.0, 2.0]), 3.0);
+        assert!(max_or_nan([1.0, f64::NAN, 2.0]).is_nan() && max_or_nan([f64::NAN, 5.0]).is_nan());
     }
 }

@@ -8,7 +8,7 @@
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
-use super::measures::greatest;
+use super::measures::max_or_nan;
 
 /// Products of three coordinates in this range neither overflow nor underflow.
 const PLAIN: std::ops::Range<f64> = 1e-60..1e60;
@@ -16,7 +16,7 @@ const PLAIN: std::ops::Range<f64> = 1e-60..1e60;
 /// The points scaled by the power of two that brings the greatest coordinate near 1, if it is far
 /// from 1. No digit changes.
 pub fn near_one<const N: usize>(points: [Point3<f64>; N]) -> [Point3<f64>; N] {
-    let greatest = greatest(points.iter().flat_map(|p| p.coords.iter().map(|c| c.abs())));
+    let greatest = max_or_nan(points.iter().flat_map(|p| p.coords.iter().map(|c| c.abs())));
     if PLAIN.contains(&greatest) || !(greatest > 0.0 && greatest.is_finite()) {
         return points;
     }

@@ -31,12 +31,12 @@ pub fn tree_sum_by(count: usize, value: impl Fn(usize) -> f64 + Sync) -> f64 {
 
 /// A compensated sum of numbers that arrive one by one \[neumaier1974\].
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Compensated {
+pub struct NeumaierSum {
     sum: f64,
     lost: f64,
 }
 
-impl Compensated {
+impl NeumaierSum {
     /// Adds a number.
     #[inline]
     pub fn add(&mut self, value: f64) {
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn a_compensated_sum_keeps_what_cancels() {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         [1e16, 1.0, -1e16, 0.5].into_iter().for_each(|v| sum.add(v));
         assert_eq!(sum.total(), 1.5);
         assert_ne!([1e16, 1.0, -1e16, 0.5].into_iter().sum::<f64>(), 1.5);

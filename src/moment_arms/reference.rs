@@ -333,7 +333,9 @@ impl Reference {
                 .then(|| found.iter().filter(within).count() as f64 / found.len() as f64),
             range_rad: [first, last],
             difference_mean_m: differences.iter().sum::<f64>() / differences.len() as f64,
-            difference_max_m: crate::mesh::measures::greatest(differences.iter().map(|d| d.abs())),
+            difference_max_m: crate::mesh::measures::max_or_nan(
+                differences.iter().map(|d| d.abs()),
+            ),
             turned,
         })
     }

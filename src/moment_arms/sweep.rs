@@ -13,7 +13,7 @@ use crate::fibres::harmonic::{self, DecompositionError, decompose};
 use crate::fibres::polyline::length;
 use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::moment_arms::shares::{Distances, distances, shares};
 use crate::progress::Progress;
 use crate::scene::{Area, Joint, Key, Minimisation, Motion, Scene, Solver};
@@ -343,10 +343,10 @@ impl Running {
             let between = muscle.now.iter().flat_map(|f| &f[1..f.len() - 1]).copied();
             let inside = audit::examine(&between.collect::<Vec<_>>(), &[], &|_| true, &posed);
             muscle.points_in_bone += inside.vertices_inside;
-            muscle.depth = greatest([muscle.depth, inside.depth]);
-            muscle.vertex_depth = greatest([muscle.vertex_depth, measures.penetration_m]);
+            muscle.depth = max_or_nan([muscle.depth, inside.depth]);
+            muscle.vertex_depth = max_or_nan([muscle.vertex_depth, measures.penetration_m]);
             muscle.unconverged += usize::from(!measures.converged);
-            muscle.volume_error = greatest([muscle.volume_error, measures.volume_error.abs()]);
+            muscle.volume_error = max_or_nan([muscle.volume_error, measures.volume_error.abs()]);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::mesh::measures::{greatest, median, triangle_areas};
+use crate::mesh::measures::{max_or_nan, median, triangle_areas};
 
 /// Distortion of the triangles by a map between two sets of positions; triangles without area in
 /// either set are left out.
@@ -36,8 +36,8 @@ impl Distortion {
         }
         Self {
             without_area: triangles.len() - shapes.len(),
-            conformal_max: greatest(shapes.iter().copied()),
-            area_max: greatest(sizes.iter().copied()),
+            conformal_max: max_or_nan(shapes.iter().copied()),
+            area_max: max_or_nan(sizes.iter().copied()),
             conformal_median: median(shapes).unwrap_or(1.0),
             area_median: median(sizes).unwrap_or(1.0),
         }

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::sphere::kernel::{kernel, middle, sees};
 use super::sphere::rings::Rings;
 use super::sphere::{SphereMap, flipped};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// First and last radius of the neighbourhood, as chords of the unit sphere.
 const RADII: [f64; 2] = [2.0, 0.5];
@@ -46,7 +46,7 @@ pub fn warped(map: &SphereMap, targets: &[Target]) -> Option<SphereMap> {
     for step in 0..STEPS {
         let radius = RADII[0] * libm::pow(RADII[1] / RADII[0], step as f64 / (STEPS - 1) as f64);
         let turns = turns(&points, targets, radius);
-        let mut share = (SHARE * radius / greatest(turns.iter().map(|t| t.norm()))).min(1.0);
+        let mut share = (SHARE * radius / max_or_nan(turns.iter().map(|t| t.norm()))).min(1.0);
         for _ in 0..HALVINGS {
             let turned = |(p, t): (&Point3<f64>, &Vector3<f64>)| {
                 Point3::from((UnitQuaternion::from_scaled_axis(t * share) * p.coords).normalize())

@@ -6,7 +6,7 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::x86;
-use super::{Register, Width};
+use super::{Register, SimdWidth};
 
 /// Numbers in lanes with a fused multiply-add and a reciprocal root.
 pub trait FusedLane<F>: Register<F> {
@@ -56,7 +56,7 @@ pub trait Number:
     /// Exact.
     fn to_f64(self) -> f64;
     /// Does work with lanes of the given width, or of the next smaller one that the processor has.
-    fn in_lanes<W: FusedWork<Self>>(width: Width, work: W) -> W::Output;
+    fn in_lanes<W: FusedWork<Self>>(width: SimdWidth, work: W) -> W::Output;
 }
 
 /// Work that can be done with lanes of any number.
@@ -190,15 +190,15 @@ macro_rules! number {
             fn to_f64(self) -> f64 {
                 f64::from(self)
             }
-            fn in_lanes<W: FusedWork<Self>>(width: Width, work: W) -> W::Output {
+            fn in_lanes<W: FusedWork<Self>>(width: SimdWidth, work: W) -> W::Output {
                 #[cfg(target_arch = "x86_64")]
                 {
-                    if let (Width::Eight, Some(machine)) = (width, pulp::x86::V4::try_new()) {
+                    if let (SimdWidth::Eight, Some(machine)) = (width, pulp::x86::V4::try_new()) {
                         return machine
                             .vectorize(x86::Fused::<$number, x86::$eight, _>(machine, work));
                     }
                     if let Some(machine) = pulp::x86::V3::try_new() {
-                        if width == Width::One {
+                        if width == SimdWidth::One {
                             // Compiled for the fused multiply-add of the processor, else each would be a call.
                             return machine.vectorize(x86::Fused::<$number, $number, _>((), work));
                         }
@@ -241,9 +241,9 @@ mod tests {
         let numbers: Vec<F> = (-64 * sizes..64 * sizes)
             .map(|k| F::from_f64(sixteenths(k)))
             .collect();
-        let one = F::in_lanes(Width::One, Roots(&numbers));
+        let one = F::in_lanes(SimdWidth::One, Roots(&numbers));
         assert_eq!(one.len(), numbers.len());
-        for &width in Width::available() {
+        for &width in SimdWidth::available() {
             let same = F::in_lanes(width, Roots(&numbers))
                 .iter()
                 .zip(&one)

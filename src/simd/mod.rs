@@ -118,7 +118,7 @@ impl Lane for f64 {
 
 /// How many numbers a sweep computes at once. Not part of a result's bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Width {
+pub enum SimdWidth {
     /// One by one.
     One,
     /// Four, with AVX2.
@@ -127,10 +127,10 @@ pub enum Width {
     Eight,
 }
 
-impl Width {
-    /// All widths that this processor has, rising; the first is [`Width::One`].
+impl SimdWidth {
+    /// All widths that this processor has, rising; the first is [`SimdWidth::One`].
     pub fn available() -> &'static [Self] {
-        const ALL: [Width; 3] = [Width::One, Width::Four, Width::Eight];
+        const ALL: [SimdWidth; 3] = [SimdWidth::One, SimdWidth::Four, SimdWidth::Eight];
         let count = ALL.iter().take_while(|w| w.is_available()).count();
         &ALL[..count]
     }
@@ -162,7 +162,7 @@ impl Width {
     }
 }
 
-impl fmt::Display for Width {
+impl fmt::Display for SimdWidth {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::One => "1 lane",
@@ -179,13 +179,15 @@ pub(crate) trait InLanes {
 }
 
 /// Does the work with lanes of the given width, or one by one where the processor has none of it.
-pub(crate) fn run(width: Width, work: impl InLanes) {
+pub(crate) fn run(width: SimdWidth, work: impl InLanes) {
     #[cfg(target_arch = "x86_64")]
     {
-        if let (Width::Eight, Some(machine)) = (width, pulp::x86::V4::try_new()) {
+        if let (SimdWidth::Eight, Some(machine)) = (width, pulp::x86::V4::try_new()) {
             return machine.vectorize(x86::Plain::<x86::F64x8, _>(machine, work));
         }
-        if let (Width::Four | Width::Eight, Some(machine)) = (width, pulp::x86::V3::try_new()) {
+        if let (SimdWidth::Four | SimdWidth::Eight, Some(machine)) =
+            (width, pulp::x86::V3::try_new())
+        {
             return machine.vectorize(x86::Plain::<x86::F64x4, _>(machine, work));
         }
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::contact::{Obstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::inside::Inside;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// A vertex at a smaller depth [m] counts as touching.
 pub const DEPTH: f64 = 1e-5;
@@ -64,7 +64,7 @@ pub fn examine(
             })
             .collect();
         findings.vertices_inside += depths.iter().filter(|d| **d > DEPTH).count();
-        findings.depth = greatest(depths.into_iter().chain([findings.depth]));
+        findings.depth = max_or_nan(depths.into_iter().chain([findings.depth]));
         let points = bone.mesh.vertices.par_iter().with_min_len(256);
         findings.bone_vertices_inside += points
             .filter(|p| muscle.winding(&(pose * **p)) != 0)

@@ -253,7 +253,7 @@ impl Body {
         from: &mut Reader<'_>,
         placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
-    ) -> Result<(), Corrupt> {
+    ) -> Result<(), DecodeError> {
         self.system.restore(from)?;
         self.restore_contact(from, placed, contact)?;
         if let Some(equilibrium) = self.equilibrium_mut() {
@@ -277,7 +277,7 @@ impl Body {
         from: &mut Reader<'_>,
         placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
-    ) -> Result<(), Corrupt> {
+    ) -> Result<(), DecodeError> {
         let obstacles: Option<Vec<usize>> = from.take()?;
         let System {
             contacts,

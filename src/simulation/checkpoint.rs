@@ -18,7 +18,7 @@ mod fingerprint;
 pub use fingerprint::Fingerprint;
 
 use super::Simulation;
-use crate::state::{Corrupt, Hash, Reader, State, Writer};
+use crate::state::{DecodeError, Hash, Reader, State, Writer};
 
 const MAGIC: &[u8; 8] = b"PLIANTCP";
 
@@ -73,7 +73,7 @@ pub enum Refused {
     },
     /// The bytes match their checksum, but are invalid.
     #[error("it is damaged: {0}")]
-    Corrupt(#[from] Corrupt),
+    Corrupt(#[from] DecodeError),
 }
 
 /// A number of bytes, if known.

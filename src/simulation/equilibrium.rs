@@ -13,7 +13,7 @@ use crate::solvers::energy::{Energy, Inertia};
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, System};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest distance of a touching vertex from a bone, in contact thicknesses.
 const TOUCHING: f64 = 0.02;
@@ -177,7 +177,7 @@ impl State for Equilibrium {
         to.put(residual);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.solver.restore(from)?;
         self.outcome = from.take()?;
         self.iterations = from.take()?;

@@ -9,7 +9,7 @@ use super::fault::{Fault, LoadError};
 use super::plan::Plan;
 use super::scenario::Stepped;
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::scene::content::LatticeScene;
 use crate::springs::lattice::{
     Lattice, LatticeError, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
@@ -163,8 +163,8 @@ impl LatticeRun {
         }
         let (shape, now) = (*self.lattice.shape(), self.lattice.positions());
         let apart = |a: &[f64; 3], b: &[f64; 3]| (Vector3::from(*a) - Vector3::from(*b)).norm();
-        let distance = greatest(shape.each().zip(&now).map(|(p, x)| apart(x, &shape.at(p))));
-        let moved = greatest(self.now.iter().zip(&now).map(|(a, b)| apart(a, b)));
+        let distance = max_or_nan(shape.each().zip(&now).map(|(p, x)| apart(x, &shape.at(p))));
+        let moved = max_or_nan(self.now.iter().zip(&now).map(|(a, b)| apart(a, b)));
         self.now = now;
         self.frames.push(Measured {
             frame,

@@ -9,7 +9,7 @@ use crate::constraints::Residual;
 use crate::constraints::distance::Distance;
 use crate::contact::Counts;
 use crate::scene::Scene;
-use crate::state::{Corrupt, Reader, Value, Writer};
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// Greatest relative volume error of a valid frame (tolerance T6).
 pub const VOLUME_HELD: f64 = 1e-6;
@@ -130,9 +130,9 @@ impl Measures {
 }
 
 impl Value for Measures {
-    const LEAST: usize = 15 * 8 + 1;
+    const MIN_BYTES: usize = 15 * 8 + 1;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             frame,
             time_s,
@@ -171,7 +171,7 @@ impl Value for Measures {
         to.put(converged);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let (frame, time_s, muscle) = (from.take()?, from.take()?, from.take()?);
         let [
             volume_error,

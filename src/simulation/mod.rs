@@ -40,7 +40,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;
 use crate::solvers::{Broken, DIVERGENCE};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest depth of a vertex below a bone's surface at the end of a frame without another contact
 /// query, relative to the contact thickness.
@@ -286,7 +286,7 @@ impl State for Simulation {
         bodies.iter().for_each(|body| body.save(to));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let frame: usize = from.take()?;
         self.notes = from.take()?;
         match frame.checked_sub(1) {

@@ -91,7 +91,7 @@ impl Tracked {
             .filter(|s| s.iter().any(free))
             .collect();
         let press = system.contacts.as_ref().map(|contacts| {
-            let stiffest = greatest(stiffness.iter().copied());
+            let stiffest = max_or_nan(stiffness.iter().copied());
             let bones = contacts
                 .obstacles()
                 .iter()

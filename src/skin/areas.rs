@@ -4,7 +4,7 @@
 use nalgebra::{Matrix2, Point3};
 
 use super::layers::Layers;
-use crate::mesh::measures::{area, greatest};
+use crate::mesh::measures::{area, max_or_nan};
 use crate::mesh::sum::tree_sum_by;
 
 /// Limitations of every prediction, for reports.
@@ -83,7 +83,7 @@ impl Areas {
         );
         Self {
             volume_difference: volume_between(&layers.rest[..n], &x[..n], &layers.triangles),
-            stretch_max: greatest(stretches(&layers.rest[..n], &x[..n], &layers.triangles)),
+            stretch_max: max_or_nan(stretches(&layers.rest[..n], &x[..n], &layers.triangles)),
             ..Self::between(before, deformed)
         }
     }
@@ -120,7 +120,7 @@ impl std::iter::Sum for Areas {
             retracted: add(sum.retracted, a.retracted),
             grown: add(sum.grown, a.grown),
             volume_difference: sum.volume_difference + a.volume_difference,
-            stretch_max: greatest([sum.stretch_max, a.stretch_max]),
+            stretch_max: max_or_nan([sum.stretch_max, a.stretch_max]),
         })
     }
 }

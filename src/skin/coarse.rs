@@ -169,7 +169,7 @@ mod tests {
     use super::super::plan::Place;
     use super::*;
     use crate::mesh::Topology;
-    use crate::mesh::measures::greatest;
+    use crate::mesh::measures::max_or_nan;
     use crate::mesh::shapes::box_surface;
 
     fn order(at: Point3<f64>) -> ImplantSpec {
@@ -198,7 +198,7 @@ mod tests {
         let radius = REACH * 0.5 * 0.02;
         for t in &after.triangles {
             let corners = t.map(|v| after.vertices[v as usize]);
-            let longest = greatest((0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()));
+            let longest = max_or_nan((0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()));
             let far = (closest_on_triangle(&place, &corners) - place).norm();
             assert!(
                 far > MARGIN * radius || longest <= LONG * radius,

@@ -10,7 +10,7 @@ use super::contact::{On, Over, Touch, Touching};
 use super::settle::Model;
 use super::support_surface::SupportSurface;
 use crate::contact::Surface;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::{Topology, TriangleMesh};
 
 /// Contact stiffness [N/m^3] times the square of the base, relative to the skin's in-plane
@@ -166,9 +166,9 @@ impl<'a> Detector<'a> {
             let others = (2 * n..x.len() as u32).filter(|v| !self.own(k).contains(v));
             let each = lower.iter().copied().chain(others);
             let on = each.filter_map(|v| self.implants[k].0.nearest(&x[v as usize], f64::MAX));
-            greatest(on.map(|on| (-on.closest.distance).max(0.0)))
+            max_or_nan(on.map(|on| (-on.closest.distance).max(0.0)))
         };
-        greatest((0..self.implants.len()).map(inside).chain([near]))
+        max_or_nan((0..self.implants.len()).map(inside).chain([near]))
     }
 
     /// Increases the offset of contacts that are too deep by their depth, and reduces offsets that

@@ -130,7 +130,7 @@ impl Implant {
     /// Greatest width of the dome relative to the width of its base.
     pub fn bulge(&self, dome: &TriangleMesh) -> f64 {
         let reach = |p: &Point3<f64>| self.shape.reach(p.xy(), self.base);
-        crate::mesh::measures::greatest(dome.vertices.iter().map(reach))
+        crate::mesh::measures::max_or_nan(dome.vertices.iter().map(reach))
     }
 
     /// The upper sheet from the top to the edge, then the base from the edge's inside to its
@@ -264,7 +264,7 @@ mod tests {
     fn a_round_dome_is_a_cap() {
         // V = pi h (3 a^2 + h^2) / 6; the mesh lies inside the cap, so it is slightly higher.
         let dome = round(100e-6).dome(0.002).unwrap();
-        let height = crate::mesh::measures::greatest(dome.vertices.iter().map(|p| p.z));
+        let height = crate::mesh::measures::max_or_nan(dome.vertices.iter().map(|p| p.z));
         let (a, h) = (0.035, height);
         let volume = std::f64::consts::PI * h * (3.0 * a * a + h * h) / 6.0;
         assert!(volume > 100e-6 && volume < 101e-6, "{volume}");

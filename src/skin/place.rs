@@ -12,7 +12,7 @@ use super::region::{REACH, Region, frame};
 use super::whole::rim;
 use crate::contact::Surface;
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::{Topology, TriangleMesh};
 
 /// Number of bases in the search for one that fits; each is the previous one times a constant
@@ -308,7 +308,7 @@ fn check_region(
         .filter(|t| t.iter().all(|v| reach[*v as usize] <= NEAR))
     {
         let area = normal_of(patch, &t).norm();
-        let degrees = greatest(t.iter().map(|v| turn[*v as usize]));
+        let degrees = max_or_nan(t.iter().map(|v| turn[*v as usize]));
         areas = (
             areas.0 + area,
             areas.1 + if degrees > TURN { area } else { 0.0 },

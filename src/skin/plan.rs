@@ -16,7 +16,7 @@ use super::settle::{Filled, Method, Model, Progress};
 use super::start::Begin;
 use super::support_surface::SupportSurface;
 use super::{Shape, SkinError};
-use crate::mesh::measures::{greatest, volume};
+use crate::mesh::measures::{max_or_nan, volume};
 use crate::mesh::{Topology, TriangleMesh};
 
 /// Ratio of the base to the default edge length.
@@ -296,7 +296,7 @@ impl PreparedPatch {
         {
             return Err(SkinError::NothingBelow);
         }
-        let longest = greatest(sites.iter().map(|s| s.order.implant.base));
+        let longest = max_or_nan(sites.iter().map(|s| s.order.implant.base));
         let facing =
             |o: &TriangleMesh| SupportSurface::facing(o.clone(), &layers.rest, 2.0 * longest);
         let obstacles = obstacles.iter().map(facing).collect();
@@ -424,7 +424,7 @@ impl PreparedPatch {
 /// a small implant beside a large one would need many times the vertices.
 fn shared_edge(orders: &[&ImplantSpec]) -> f64 {
     let all = || orders.iter().map(|order| order.edge());
-    let (shortest, longest) = (all().fold(f64::INFINITY, f64::min), greatest(all()));
+    let (shortest, longest) = (all().fold(f64::INFINITY, f64::min), max_or_nan(all()));
     longest.min(2.0 * shortest)
 }
 

@@ -390,7 +390,7 @@ impl Model {
     /// Greatest distance between the layers [m].
     fn depth(&self) -> f64 {
         let (upper, lower) = self.layers.rest.split_at(self.layers.count());
-        greatest(upper.iter().zip(lower).map(|(u, l)| (u - l).norm()))
+        max_or_nan(upper.iter().zip(lower).map(|(u, l)| (u - l).norm()))
     }
 
     /// The resistance to thinning, as stiff as contact over the depth of the skin.

@@ -13,7 +13,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
 use super::history::Field;
 use super::unknowns::{Laplacian, Unknowns};
 use crate::contact::ContactPlane;
-use crate::state::{Corrupt, Reader, Writer};
+use crate::state::{DecodeError, Reader, Writer};
 
 /// Greatest number of vertices with stored entries of the inverse; further rows only act by the
 /// push.
@@ -178,7 +178,7 @@ impl Active {
         laplacian: &mut Laplacian,
         unknowns: &Unknowns,
         count: usize,
-    ) -> Result<Self, Corrupt> {
+    ) -> Result<Self, DecodeError> {
         let rows: Vec<ContactPlane> = from.take()?;
         let is_there = |row: &ContactPlane| row.terms.iter().all(|(v, _)| (*v as usize) < count);
         from.check(rows.iter().all(is_there), "a row of no vertex")?;

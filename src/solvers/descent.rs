@@ -62,9 +62,9 @@ pub struct Outcome {
 }
 
 impl Value for Outcome {
-    const LEAST: usize = 4 + 4 + 4 * 8 + 1;
+    const MIN_BYTES: usize = 4 + 4 + 4 * 8 + 1;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             iterations,
             evaluations,
@@ -79,7 +79,7 @@ impl Value for Outcome {
         to.put(converged);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let (iterations, evaluations) = from.take()?;
         let ((force, residual), (energy, pressure)) = from.take()?;
         Ok(Self {

@@ -7,7 +7,7 @@ use crate::constraints::EnclosedVolume;
 use crate::constraints::potential::{Potential, volume_hessian};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// The energy sum m |x - y|^2 / (2 dt^2); with it a minimum is an implicit Euler step.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -141,7 +141,7 @@ impl Energy {
 
     /// A force [N] to judge forces on a vertex by: that of a strain of one.
     pub fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        greatest(self.elastic.iter().map(|part| part.force_scale(x)))
+        max_or_nan(self.elastic.iter().map(|part| part.force_scale(x)))
     }
 
     /// Lets constraints that are known up to a period take note of where they are.

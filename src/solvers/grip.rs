@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use crate::constraints::Project;
 use crate::constraints::spring::{Anchors, anchors};
 use crate::particles::{Packed, Particles};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A vertex that is dragged.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,7 +59,7 @@ impl Grip {
 impl State for Grip {
     fn save(&self, _: &mut Writer) {}
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         Ok(())
     }
 }

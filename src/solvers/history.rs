@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 
 use crate::mesh::sum::tree_sum_by;
-use crate::state::{Corrupt, Reader, Value, Writer};
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// A displacement of all vertices.
 pub type Field = Vec<Vector3<f64>>;
@@ -101,9 +101,9 @@ impl History {
 }
 
 impl Value for Pair {
-    const LEAST: usize = 24;
+    const MIN_BYTES: usize = 24;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             step,
             change,
@@ -114,7 +114,7 @@ impl Value for Pair {
         to.put(per_product);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self {
             step: from.take()?,
             change: from.take()?,

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::contact::smooth::{Smooth, SmoothDistance};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 
 /// A sample point of a surface that stays out of obstacles: the midpoint of two vertices, which can
@@ -177,7 +177,7 @@ impl Press {
 
     /// Least height over an obstacle relative to the band; below 0 a sample is inside an obstacle.
     pub fn left(&self, x: &[Point3<f64>]) -> f64 {
-        1.0 - greatest(self.touching(x).iter().map(|t| t.short).chain([0.0])) / self.thickness
+        1.0 - max_or_nan(self.touching(x).iter().map(|t| t.short).chain([0.0])) / self.thickness
     }
 }
 
@@ -257,7 +257,7 @@ mod tests {
             touched > 5 && touched < x.len(),
             "control: {touched} are in the band"
         );
-        let steep = crate::mesh::measures::greatest(blocks.values().map(Matrix3::norm));
+        let steep = crate::mesh::measures::max_or_nan(blocks.values().map(Matrix3::norm));
         assert!(steep > 0.1 * press.stiffness, "control: {steep}");
     }
 

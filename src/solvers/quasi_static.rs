@@ -377,7 +377,7 @@ impl state::State for QuasiStatic {
         to.put(age);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let Self {
             problem,
             laplacian,

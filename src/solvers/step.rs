@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use crate::constraints::{EnclosedVolume, KINDS, Project, Residual};
 use crate::contact::{Contacts, PosedObstacle};
 use crate::particles::{Numbering, Packed, Particles, Slot};
-use crate::state::{Corrupt, Reader, State, Value, Writer};
+use crate::state::{DecodeError, Reader, State, Value, Writer};
 
 /// A particle that a bone carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,15 +106,15 @@ pub fn effect_of_name(name: &str) -> Option<&'static str> {
 }
 
 impl Value for Broken {
-    const LEAST: usize = 16;
+    const MIN_BYTES: usize = 16;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self { effect, particle } = self;
         to.put(&(*effect).to_owned());
         to.put(particle);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let name: String = from.take()?;
         let effect = effect_of_name(&name).ok_or(from.corrupt("no effect has this name"))?;
         Ok(Self {
@@ -432,7 +432,7 @@ impl State for System {
         to.put(last_dt);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         self.particles.restore(from)?;
         self.elastic
             .iter_mut()

@@ -45,7 +45,7 @@ pub use stability::{largest_stiffness, stability_limit};
 
 use super::damping::{self, Body};
 use super::neighbours::Neighbours;
-use crate::simd::{Number, Width};
+use crate::simd::{Number, SimdWidth};
 
 /// Stiffness D of a spring as a function of its rest length.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,7 +147,7 @@ pub struct Lattice<F> {
     carried: Vec<[Carried<F>; 2]>,
     /// Copies of planes between slabs.
     seams: Vec<F>,
-    width: Width,
+    width: SimdWidth,
     steps: u64,
 }
 
@@ -207,7 +207,7 @@ impl<F: Number> Lattice<F> {
             patterns_due: true,
             carried: Vec::new(),
             seams: Vec::new(),
-            width: Width::best(),
+            width: SimdWidth::best(),
             steps: 0,
         };
         shape

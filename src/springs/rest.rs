@@ -33,7 +33,7 @@ impl Rest {
             .for_each(|f| f.add_row_sums(&system.position, &mut sums));
         let size = Aabb::of_points(&system.position).extents().norm();
         let spacing = size / (system.len() as f64).cbrt();
-        let stiffest = greatest(sums);
+        let stiffest = max_or_nan(sums);
         let force = share * stiffest * spacing;
         Self {
             force,
@@ -172,7 +172,7 @@ fn record(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -
     StepRecord {
         step,
         dt,
-        greatest_move: greatest(
+        greatest_move: max_or_nan(
             system
                 .position
                 .iter()
@@ -180,6 +180,6 @@ fn record(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -
                 .map(|(x, b)| (x - b).norm()),
         ),
         energy: system.energy(),
-        residual: greatest(force.iter().map(Vector3::norm)),
+        residual: max_or_nan(force.iter().map(Vector3::norm)),
     }
 }

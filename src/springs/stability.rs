@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::integrators::Integrator;
 use super::system::SpringSystem;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 
 /// Greatest number of steps of the search for the stiffest mode.
@@ -18,17 +18,17 @@ const BETWEEN: usize = 6;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// Stiffness over mass, the square of the angular frequency [1/s2].
-    pub square: f64,
+    pub angular_frequency_squared: f64,
     /// Damping over mass [1/s].
-    pub drag: f64,
+    pub damping_rate: f64,
 }
 
 impl Mode {
     /// The mode of one mass [kg] on one spring [N/m] with damping [N s/m].
     pub fn of(stiffness: f64, damping: f64, mass: f64) -> Self {
         Self {
-            square: stiffness / mass,
-            drag: damping / mass,
+            angular_frequency_squared: stiffness / mass,
+            damping_rate: damping / mass,
         }
     }
 }
@@ -59,11 +59,14 @@ pub fn stiffest(system: &SpringSystem) -> Stiffest {
         .forces()
         .iter()
         .for_each(|f| f.add_row_sums(&system.position, &mut sums));
-    let bound = greatest(free().map(|i| row_bound(system, &sums, i)));
-    let drag = system.damping / lightest;
-    let (square, products) = lanczos(system);
+    let bound = max_or_nan(free().map(|i| row_bound(system, &sums, i)));
+    let damping_rate = system.damping / lightest;
+    let (angular_frequency_squared, products) = lanczos(system);
     Stiffest {
-        mode: Mode { square, drag },
+        mode: Mode {
+            angular_frequency_squared,
+            damping_rate,
+        },
         bound,
         products,
     }
@@ -80,7 +83,7 @@ fn row_bound(system: &SpringSystem, sums: &[f64], i: usize) -> f64 {
 /// integrators here are longer.
 pub fn limit(integrator: &dyn Integrator, stiffest: &Stiffest) -> f64 {
     let rigid = Mode {
-        square: 0.0,
+        angular_frequency_squared: 0.0,
         ..stiffest.mode
     };
     integrator.limit(stiffest.mode).min(integrator.limit(rigid))
@@ -148,7 +151,7 @@ fn extreme(diagonal: &[f64], beside: &[f64]) -> f64 {
         let left = if i > 0 { beside[i - 1].abs() } else { 0.0 };
         left + beside.get(i).map_or(0.0, |b| b.abs())
     };
-    let reach = greatest((0..diagonal.len()).map(|i| diagonal[i].abs() + around(i)));
+    let reach = max_or_nan((0..diagonal.len()).map(|i| diagonal[i].abs() + around(i)));
     if !(reach.is_finite() && reach > 0.0) {
         return reach;
     }

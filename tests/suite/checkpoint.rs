@@ -314,7 +314,7 @@ fn p44_lanes_and_threads_do_not_matter() {
         .expect("a pool");
     let mut again = resumed(&scene, &kept).expect("its own checkpoint");
     let batches = again.bodies.iter_mut().flat_map(|b| &mut b.system.elastic);
-    batches.for_each(|batch| batch.set_width(pliant::constraints::Width::One));
+    batches.for_each(|batch| batch.set_width(pliant::constraints::SimdWidth::One));
     pool.install(|| again.step_frame());
     assert!(bytes_of(&again) == bytes_of(&straight));
 }

@@ -6,7 +6,7 @@ use pliant::constraints::{Distance, EnclosedVolume, Order, Project};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{icosphere, tube};
-use pliant::mesh::sum::{Compensated, tree_sum};
+use pliant::mesh::sum::{NeumaierSum, tree_sum};
 use pliant::particles::Particles;
 use pliant::solvers::System;
 
@@ -312,7 +312,7 @@ fn p36_volumes_are_sums_and_do_not_depend_on_the_place() {
             Vector3::new(-3.0, 2.0, 1.0),
         ] {
             let of = cones(apex);
-            let mut kept = Compensated::default();
+            let mut kept = NeumaierSum::default();
             of.iter().for_each(|v| kept.add(*v));
             let sizes: f64 = of.iter().map(|v| v.abs()).sum();
             let off = (kept.total() - mesh.volume()).abs() / sizes;

@@ -64,7 +64,7 @@ struct Left {
 fn swept<C: Constraint<K>, const K: usize>(
     all: &[C],
     body: &Particles,
-    width: Width,
+    width: SimdWidth,
 ) -> (Left, Vec<C>) {
     let factors: Vec<f64> = (0..all.len()).map(|i| [1.0, 0.3, 0.0][i % 3]).collect();
     let compliance = compliance(all.len());
@@ -94,8 +94,8 @@ fn same<C: Constraint<K> + PartialEq, const K: usize>(
     all: &[C],
     body: &Particles,
 ) -> (bool, u64, Vec<C>) {
-    let (one, constraints) = swept(all, body, Width::One);
-    let others = Width::available()
+    let (one, constraints) = swept(all, body, SimdWidth::One);
+    let others = SimdWidth::available()
         .iter()
         .map(|&width| swept(all, body, width));
     let same = others
@@ -181,8 +181,8 @@ fn p42_lanes_change_no_bit_of_extreme_sizes() {
     for scale in [1e-30, 1e-3, 1e3, 1e30] {
         let x: Vec<Point3<f64>> = body.position.iter().map(|p| p * scale).collect();
         let body = Particles::at_rest(x, body.inverse_mass.clone());
-        let (left, _) = swept(&hinges(&mesh), &body, Width::One);
-        for &width in Width::available() {
+        let (left, _) = swept(&hinges(&mesh), &body, SimdWidth::One);
+        for &width in SimdWidth::available() {
             assert!(
                 swept(&hinges(&mesh), &body, width).0 == left,
                 "scale {scale:e}, {width}"
@@ -194,7 +194,7 @@ fn p42_lanes_change_no_bit_of_extreme_sizes() {
 #[test]
 fn p42_lanes_change_no_bit_of_the_volume() {
     let (mesh, body) = odd_body();
-    let run = |width: Width| {
+    let run = |width: SimdWidth| {
         let count = mesh.vertices.len();
         let mut volume = EnclosedVolume::new(&mesh.triangles, count, 0.93 * mesh.volume(), 1e-7)
             .with_width(width);
@@ -206,8 +206,12 @@ fn p42_lanes_change_no_bit_of_the_volume() {
         }
         bits(&particles)
     };
-    let one = run(Width::One);
-    assert!(Width::available().iter().all(|&width| run(width) == one));
+    let one = run(SimdWidth::One);
+    assert!(
+        SimdWidth::available()
+            .iter()
+            .all(|&width| run(width) == one)
+    );
     assert!(one != bits(&body));
 }
 
@@ -326,7 +330,7 @@ fn wrong<const HOW: usize>() -> bool {
 #[test]
 fn p42_other_roundings_in_lanes_are_found() {
     assert!(wrong::<0>(), "the control itself is right");
-    if Width::best() == Width::One {
+    if SimdWidth::best() == SimdWidth::One {
         return;
     }
     assert!(!wrong::<1>(), "another order of a sum");

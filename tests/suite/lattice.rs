@@ -57,7 +57,7 @@ fn settings(neighbours: Neighbours) -> Settings {
 }
 
 /// A lattice shaken by up to a fifth of its least spacing, every seventh point pinned, some pulled at.
-fn shaken<F: Number>(points: [usize; 3], neighbours: Neighbours, width: Width) -> Lattice<F> {
+fn shaken<F: Number>(points: [usize; 3], neighbours: Neighbours, width: SimdWidth) -> Lattice<F> {
     let shape = shape(points);
     let mut lattice = Lattice::<F>::new(shape, settings(neighbours))
         .expect("a stable lattice")
@@ -86,7 +86,7 @@ fn bits<F: Number>(lattice: &Lattice<F>) -> Vec<[u64; 3]> {
 
 /// The largest distance between the points of a lattice and of a plain list after some steps, over the largest coordinate.
 fn apart<F: Number>(points: [usize; 3], neighbours: Neighbours, spoil: impl Fn(&mut Plain)) -> f64 {
-    let mut lattice = shaken::<F>(points, neighbours, Width::best());
+    let mut lattice = shaken::<F>(points, neighbours, SimdWidth::best());
     let mut plain = Plain::of(&lattice);
     spoil(&mut plain);
     for _ in 0..60 {
@@ -149,7 +149,7 @@ fn same_bits<F: Number>() {
     for neighbours in BOTH {
         // The last ones are cut into slabs of 8 planes, and of 5 with a single plane left.
         for points in [[5, 5, 5], [17, 3, 2], [9, 4, 1], [33, 20, 30], [40, 26, 31]] {
-            let after = |width: Width, threads: usize, pairs: bool, spoil: bool| {
+            let after = |width: SimdWidth, threads: usize, pairs: bool, spoil: bool| {
                 let pool = rayon::ThreadPoolBuilder::new()
                     .num_threads(threads)
                     .build()
@@ -165,8 +165,8 @@ fn same_bits<F: Number>() {
                 assert!(moves.iter().all(|m| *m > 0.0));
                 bits(&lattice)
             };
-            let one = after(Width::One, 1, false, false);
-            for &width in Width::available() {
+            let one = after(SimdWidth::One, 1, false, false);
+            for &width in SimdWidth::available() {
                 for (threads, pairs) in [1, 2, 3, 8]
                     .into_iter()
                     .flat_map(|n| [(n, false), (n, true)])
@@ -179,7 +179,7 @@ fn same_bits<F: Number>() {
                 }
             }
             assert!(
-                after(Width::best(), 2, true, true) != one,
+                after(SimdWidth::best(), 2, true, true) != one,
                 "what is compared does not depend on the start"
             );
         }
@@ -197,8 +197,8 @@ fn moves_of_pairs_are_those_of_single_steps() {
     for neighbours in BOTH {
         for points in [[5, 5, 5], [33, 20, 30]] {
             let (mut pairs, mut single) = (
-                shaken::<f64>(points, neighbours, Width::best()),
-                shaken(points, neighbours, Width::best()),
+                shaken::<f64>(points, neighbours, SimdWidth::best()),
+                shaken(points, neighbours, SimdWidth::best()),
             );
             for _ in 0..4 {
                 let two = pairs.measured_pair().expect("stable");
@@ -268,7 +268,7 @@ fn springs_are_counted() {
 /// What no step may do: points in one place have no direction between them.
 #[test]
 fn springs_without_length_pull_nowhere() {
-    fn met<F: Number>(width: Width) -> Vec<[u64; 3]> {
+    fn met<F: Number>(width: SimdWidth) -> Vec<[u64; 3]> {
         let mut lattice = shaken::<F>([18, 3, 3], Neighbours::TwentySix, width);
         let shape = *lattice.shape();
         for point in shape.each().filter(|p| p[0] < 9) {
@@ -280,10 +280,10 @@ fn springs_without_length_pull_nowhere() {
         assert!(lattice.positions().iter().flatten().all(|x| x.is_finite()));
         bits(&lattice)
     }
-    for &width in Width::available() {
+    for &width in SimdWidth::available() {
         assert!(
-            met::<f32>(width) == met::<f32>(Width::One)
-                && met::<f64>(width) == met::<f64>(Width::One),
+            met::<f32>(width) == met::<f32>(SimdWidth::One)
+                && met::<f64>(width) == met::<f64>(SimdWidth::One),
             "{width}"
         );
     }
@@ -695,7 +695,7 @@ fn bad_numbers_are_refused() {
 
 #[test]
 fn what_is_pinned_stays_and_what_is_released_goes() {
-    let mut lattice = shaken::<f32>([17, 3, 3], Neighbours::TwentySix, Width::best());
+    let mut lattice = shaken::<f32>([17, 3, 3], Neighbours::TwentySix, SimdWidth::best());
     let (held, free) = ([3, 0, 0], [4, 1, 1]);
     assert!(lattice.is_pinned(held) && !lattice.is_pinned(free));
     let before = [lattice.position(held), lattice.position(free)];

@@ -14,7 +14,7 @@ mod together;
 
 use nalgebra::{Point3, Vector3};
 use pliant::contact::Surface;
-use pliant::mesh::measures::{area, greatest};
+use pliant::mesh::measures::{area, max_or_nan};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::skin::coarse::halved_near;
 use pliant::skin::implant::SILICONE;
@@ -50,9 +50,9 @@ fn sunk(ready: &PreparedPatch, done: &Inserted, x: &[Point3<f64>]) -> f64 {
                 .nearest(&x[v], f64::MAX)
                 .map_or(f64::NAN, |on| (-on.closest.distance).max(0.0))
         };
-        greatest(lower.chain(others).map(depth))
+        max_or_nan(lower.chain(others).map(depth))
     };
-    greatest(done.shells.iter().map(into))
+    max_or_nan(done.shells.iter().map(into))
 }
 
 /// The region over a sphere of 2.5 mm under a sheet of 1 cm.
@@ -173,8 +173,9 @@ fn sheets_over_a_sphere_have_the_area_of_an_axisymmetric_membrane() {
         found.push(after);
         coarser = Some(lying);
     }
-    let spread =
-        greatest(found.iter().copied()) / found.iter().copied().fold(f64::INFINITY, f64::min) - 1.0;
+    let spread = max_or_nan(found.iter().copied())
+        / found.iter().copied().fold(f64::INFINITY, f64::min)
+        - 1.0;
     assert!(spread <= 0.04, "{found:?}");
 }
 
@@ -280,7 +281,7 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
         "{out}, {}",
         x[pressed]
     );
-    let widest = greatest(x.iter().map(|p| (p.x - 0.01).abs().max((p.y - 0.01).abs())));
+    let widest = max_or_nan(x.iter().map(|p| (p.x - 0.01).abs().max((p.y - 0.01).abs())));
     assert!(widest >= 0.0105, "{widest}");
 }
 

@@ -26,7 +26,7 @@ use files::{Deformed, Files, Origin, Shown, is_rigid, plain_name};
 use pliant::io::names::LIST;
 use pliant::io::names::file_name;
 use pliant::io::{ReadError, pvd};
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use timeline::{Timeline, USUAL_RATE};
 use told::{Kind, Told};
 
@@ -289,7 +289,7 @@ impl Replay {
                 value,
             })
         };
-        let stretch = |body: &Deformed| 100.0 * greatest(body.stretch.iter().copied());
+        let stretch = |body: &Deformed| 100.0 * max_or_nan(body.stretch.iter().copied());
         for m in measured {
             let of = self.told.bodies[m.body].as_str();
             if let Some(error) = m.volume_error {

@@ -29,7 +29,7 @@ use pliant::fibres::springs::SpringsError;
 use pliant::fibres::superficial::{Registered, register};
 use pliant::fibres::template::Template;
 use pliant::mesh::TriangleMesh;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 
 /// Muscles of animals are this long [m]; another length hints at a wrong unit.
 const LENGTHS: [f64; 2] = [0.001, 5.0];
@@ -186,7 +186,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let tendons = tendons_of(attachment, &made.lines);
     let each = measure_fibres(&made.lines, &tendons);
     let volume = made.closed.mesh.volume().abs();
-    let off = |area: &Area| greatest(area.distances.iter().copied());
+    let off = |area: &Area| max_or_nan(area.distances.iter().copied());
     let summary = Summary {
         method: arguments.method.clone(),
         template: template.map(|(name, _)| name.to_owned()),
@@ -198,7 +198,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             .iter()
             .map(|e| e.length_m)
             .fold(f64::INFINITY, f64::min),
-        length_max_m: greatest(each.iter().map(|e| e.length_m)),
+        length_max_m: max_or_nan(each.iter().map(|e| e.length_m)),
         origin_area_m2: size(muscle, &attachment.origin),
         insertion_area_m2: size(muscle, &attachment.insertion),
         origin_distance_max_m: off(&attachment.origin),

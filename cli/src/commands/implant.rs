@@ -15,7 +15,7 @@ use crate::report::implant::{Insertion, Point};
 use orders::{Question, Said, hint, limit, order, question, refused};
 use pliant::io;
 use pliant::mesh::TriangleMesh;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::LoadError;
 use pliant::skin::coarse::halved_near;
 use pliant::skin::plan::{Inserted, PreparedPatch};
@@ -251,7 +251,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .map(|path| read(path, unit))
         .collect();
     let obstacles = obstacles?;
-    let extent = greatest(skin.bounding_box().extents().iter().copied());
+    let extent = max_or_nan(skin.bounding_box().extents().iter().copied());
     say_sizes(extent, &orders);
     let skin = halved_near(skin, &orders);
     let groups = match grouped(&skin, &orders, |_| obstacles.clone(), &|| {

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::warn;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::Measures;
 use pliant::springs::rest::StepRecord;
 
@@ -40,7 +40,7 @@ impl Progress {
         if self.bar.is_none() && !due {
             return;
         }
-        let volume = greatest(measures.iter().map(|m| m.volume_error.abs()));
+        let volume = max_or_nan(measures.iter().map(|m| m.volume_error.abs()));
         let inside: usize = measures
             .iter()
             .map(|m| m.vertices_inside_bones + m.bone_vertices_inside)

@@ -297,7 +297,7 @@ fn summary(
 ) -> Summary {
     let rows = Stiffest {
         mode: Mode {
-            square: stiffest.bound,
+            angular_frequency_squared: stiffest.bound,
             ..stiffest.mode
         },
         ..*stiffest
@@ -315,7 +315,7 @@ fn summary(
         mass_kg: arguments.mass,
         damping_ns_m: built.system.damping,
         stability_limit_of_row_sums_s: of_rows,
-        stiffest_1_s2: stiffest.mode.square,
+        stiffest_1_s2: stiffest.mode.angular_frequency_squared,
         at_rest: settled.end == End::Rest,
         end: in_words(settled, rest),
         steps: settled.steps,
@@ -357,7 +357,7 @@ fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure>
     let step = if step.is_finite() { step } else { 1.0 };
     let dt = arguments.dt.unwrap_or(step);
     if !(dt > 0.0) {
-        let (message, hint) = if stiffest.mode.drag > 0.0 {
+        let (message, hint) = if stiffest.mode.damping_rate > 0.0 {
             (
                 format!("{name}: the longest stable step is too small for a number"),
                 "give a greater --mass",

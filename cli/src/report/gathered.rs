@@ -12,7 +12,7 @@ use super::record::{FrameTimes, Record};
 use super::results::Shots;
 use pliant::simulation::{FrameState, Measures, Scenario, SceneDescription, Simulation};
 use pliant::solvers::effect_of_name;
-use pliant::state::{Corrupt, Reader, Writer};
+use pliant::state::{DecodeError, Reader, Writer};
 
 /// Seconds and calls of the effects on one muscle, by name.
 type Clock = Vec<(String, (f64, u64))>;
@@ -59,7 +59,7 @@ impl Gathered {
     ///
     /// # Errors
     /// It is of another simulation or another frame, or damaged.
-    pub fn open(bytes: &[u8], simulation: &Simulation) -> Result<Self, Corrupt> {
+    pub fn open(bytes: &[u8], simulation: &Simulation) -> Result<Self, DecodeError> {
         let mut from = Reader::new(bytes);
         let every = from.take()?;
         let times_s = from.take()?;

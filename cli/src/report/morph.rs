@@ -17,7 +17,7 @@ use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::closest::SurfaceTree;
-use pliant::mesh::measures::{area, greatest, volume};
+use pliant::mesh::measures::{area, max_or_nan, volume};
 use pliant::morph::sphere::flipped;
 use pliant::morph::{Correspondence, Distortion};
 use pliant_render::PictureError;
@@ -300,7 +300,7 @@ impl Morph<'_> {
             components: c.components,
             of: c.sides(),
         };
-        let worst = greatest([a.end_error, b.end_error]);
+        let worst = max_or_nan([a.end_error, b.end_error]);
         let verdicts = vec![
             Verdict::none("triangles of A turned over on the sphere", flipped[0]),
             Verdict::none("triangles of B turned over on the sphere", flipped[1]),
@@ -365,13 +365,13 @@ impl Morph<'_> {
         let (mut end_error, mut end_miss) = (f64::INFINITY, f64::INFINITY);
         if let Some(shape) = shape {
             let places = shape.places.iter().zip(&self.between.places[side]);
-            end_error = greatest(places.map(|(p, q)| (p - q).norm())) / size;
+            end_error = max_or_nan(places.map(|(p, q)| (p - q).norm())) / size;
             let tree = SurfaceTree::new(&shape.places, &self.between.triangles);
             let off = |p: &Point3<f64>| {
                 tree.closest(p, f64::INFINITY)
                     .map_or(f64::INFINITY, |c| c.distance)
             };
-            end_miss = greatest(mesh.vertices.iter().map(off)) / size;
+            end_miss = max_or_nan(mesh.vertices.iter().map(off)) / size;
         }
         let bad = flipped(map.points(), map.triangles()).len();
         Side {

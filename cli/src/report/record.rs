@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use pliant::simulation::{Measures, Simulation};
 use pliant::solvers::effect_of_name;
-use pliant::state::{Corrupt, Reader, Value, Writer};
+use pliant::state::{DecodeError, Reader, Value, Writer};
 
 /// Times of one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -50,9 +50,9 @@ fn known_effect(name: &str) -> Option<&'static str> {
 }
 
 impl Value for FrameTimes {
-    const LEAST: usize = 8 + 8 + 8 + 8;
+    const MIN_BYTES: usize = 8 + 8 + 8 + 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         let Self {
             frame,
             step_ms,
@@ -69,7 +69,7 @@ impl Value for FrameTimes {
         );
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let frame = from.take()?;
         let (step_ms, audit_ms) = from.take()?;
         let named: Vec<(String, f64)> = from.take()?;

@@ -12,7 +12,7 @@ use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
 use pliant::io::{PointData, obj};
 use pliant::mesh::TriangleMesh;
-use pliant::mesh::measures::{Aabb, greatest};
+use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::morph::pose::axes;
 use pliant::morph::register::Motion;
 use pliant::morph::register::whole::{Residual, SurfaceRegistration};
@@ -346,7 +346,7 @@ impl Registration<'_> {
             .zip(&laid.inliers)
             .filter(|(_, on)| **on)
             .map(|(d, _)| *d);
-        let range = (0.0, greatest(on));
+        let range = (0.0, max_or_nan(on));
         let legend = Legend::new(
             "Distance",
             self.unit.unwrap_or(""),

@@ -15,7 +15,7 @@ use super::record::Record;
 use super::summary::{Summary, Time};
 use pliant::accuracy::Chosen;
 use pliant::io::names::file_name;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::checkpoint::{self, Fingerprint};
 use pliant::simulation::{FrameState, Measures, Observer, Scenario, SceneDescription, Simulation};
 use pliant_render::{PictureError, to_gif};
@@ -134,7 +134,7 @@ impl Shots {
     pub(super) fn add(&mut self, snapshot: &Arc<FrameState>, measures: &[Measures]) {
         self.add_stretched(
             snapshot,
-            greatest(measures.iter().map(|m| m.edge_stretch_rms)),
+            max_or_nan(measures.iter().map(|m| m.edge_stretch_rms)),
         );
     }
 

@@ -89,9 +89,9 @@ fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
     };
     let of_frame = |f: &Measured| {
         let each = part.members.iter().zip(&f.shells);
-        greatest(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
+        max_or_nan(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
     };
-    Some(greatest(part.frames.iter().map(of_frame)))
+    Some(max_or_nan(part.frames.iter().map(of_frame)))
 }
 
 fn own_summary(run: &SkinRun) -> Map<String, Value> {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::output::Verdict;
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::scene::Solver;
 use pliant::simulation::measures::VOLUME_HELD;
 use pliant::simulation::plan::{LeftOut, Planned};
@@ -186,7 +186,7 @@ impl Summary {
             .iter()
             .map(|b| muscle(b, record, chosen))
             .collect();
-        let error_estimate_m = greatest(muscles.iter().map(|m| m.error_estimate_m));
+        let error_estimate_m = max_or_nan(muscles.iter().map(|m| m.error_estimate_m));
         let mut verdicts = Vec::new();
         verdicts.extend(chosen.map(verdict_of));
         for (m, summary) in muscles.iter().enumerate() {
@@ -285,14 +285,14 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         effect: effect_name(broken.effect).to_owned(),
         particle: broken.particle,
     });
-    let residual_max_m = greatest(all.iter().filter(|m| m.frame > 0).map(|m| m.residual_m));
+    let residual_max_m = max_or_nan(all.iter().filter(|m| m.frame > 0).map(|m| m.residual_m));
     MuscleSummary {
         name: body.name.clone(),
         vertices: body.rest.vertices.len(),
         triangles: body.rest.triangles.len(),
         vertices_attached: body.attached.len(),
         // At the start a muscle under pressure has not reached its target yet.
-        volume_error_max: greatest(
+        volume_error_max: max_or_nan(
             all.iter()
                 .filter(|m| m.frame > 0)
                 .map(|m| m.volume_error.abs()),
@@ -301,7 +301,7 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         edge_stretch_rms_end: end(|m| m.edge_stretch_rms),
         edge_stretch_rms_worst: worst.map_or(0.0, |m| m.edge_stretch_rms),
         worst_frame: worst.map_or(0, |m| m.frame),
-        penetration_max_m: greatest(all.iter().map(|m| m.penetration_m)),
+        penetration_max_m: max_or_nan(all.iter().map(|m| m.penetration_m)),
         vertices_inside_bones_max: most(|m| m.vertices_inside_bones),
         bone_vertices_inside_max: most(|m| m.bone_vertices_inside),
         vertices_pinched_max: most(|m| m.vertices_pinched),

@@ -254,7 +254,7 @@ impl<'a> Looks<'a> {
     fn outcome(self, summary: &Summary, record: &Record) -> Outcome {
         let muscles = &summary.muscles;
         let most = |value: fn(&crate::report::summary::MuscleSummary) -> f64| {
-            greatest(muscles.iter().map(value))
+            max_or_nan(muscles.iter().map(value))
         };
         let steps_s = record.times.iter().map(|t| t.step_ms).sum::<f64>() * 1e-3;
         let numbers = [

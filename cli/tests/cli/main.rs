@@ -20,7 +20,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 use pliant::io::vtk;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes;
 use pliant::testing::Scratch;
 use serde_json::Value;
@@ -683,7 +683,7 @@ fn fibre_lines_of_a_muscle_without_a_scene_follow_it_in_every_frame() {
         .collect();
     assert!(frames.iter().all(|points| points.len() == 6));
     let apart = |a: &[[f64; 3]], b: &[[f64; 3]]| {
-        greatest(
+        max_or_nan(
             a.iter()
                 .zip(b)
                 .flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())),

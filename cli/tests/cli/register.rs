@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use nalgebra::{Matrix4, Point3, Similarity3, Vector3};
 use pliant::io::vtp::{self, PolyData};
 use pliant::io::{obj, read, read_point_data};
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::{TriangleMesh, shapes};
 use serde_json::Value;
 
@@ -90,7 +90,7 @@ fn a_known_similarity_is_found_and_told_as_a_matrix() {
     let matrix = Matrix4::from_fn(|i, k| number(&summary["matrix"][i][k]));
     let place = |p: &Point3<f64>| Point3::from_homogeneous(matrix * p.to_homogeneous()).unwrap();
     let size = number(&summary["size"]);
-    let off = greatest(
+    let off = max_or_nan(
         moving
             .vertices
             .iter()
@@ -124,7 +124,7 @@ fn a_known_similarity_is_found_and_told_as_a_matrix() {
     let there = read(&out.join("moved.vtp")).unwrap().mesh;
     assert_eq!(there.triangles, moving.triangles);
     assert!(
-        greatest(
+        max_or_nan(
             there
                 .vertices
                 .iter()
@@ -192,7 +192,7 @@ fn bending_comes_nearer_than_any_motion() {
     );
     let clusters = read_point_data(&out.join("moved.vtp")).unwrap();
     let cluster = clusters.iter().find(|d| d.name == "cluster").unwrap();
-    assert_eq!(greatest(cluster.values.iter().copied()), 59.0);
+    assert_eq!(max_or_nan(cluster.values.iter().copied()), 59.0);
 }
 
 #[test]

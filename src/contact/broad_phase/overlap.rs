@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// Upper bound of the rounding error of a product of two coordinate differences, relative to the
 /// lengths.
@@ -26,7 +26,7 @@ pub(crate) fn may_meet(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector
     if (0..3).any(|k| apart(&Vector3::ith(k, 1.0), 0.0)) {
         return false;
     }
-    let reach = greatest(v.iter().map(Vector3::norm));
+    let reach = max_or_nan(v.iter().map(Vector3::norm));
     let sides: [Vector3<f64>; 3] = std::array::from_fn(|k| v[(k + 1) % 3] - v[k]);
     // The normal of a sliver is rounding error; the lengths of its sides bound it.
     let doubt = ROUNDING * reach * sides[0].norm() * sides[2].norm();

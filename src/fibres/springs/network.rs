@@ -237,7 +237,7 @@ impl Network {
                 system.add(i.max(j), i.min(j), &columns.map(|c| c.map(|v| -v)));
             }
         }
-        (force, greatest(sizes))
+        (force, max_or_nan(sizes))
     }
 }
 

@@ -35,13 +35,13 @@ fn one_way(from: &TriangleMesh, to: &TriangleMesh) -> Option<f64> {
         let [a, b, c] = from.corners(t);
         let middle = |p: Point3<f64>, q: Point3<f64>| p + (q - p) * 0.5;
         let centroid = a + ((b - a) + (c - a)) / 3.0;
-        greatest(
+        max_or_nan(
             [a, b, c, middle(a, b), middle(b, c), middle(c, a), centroid]
                 .iter()
                 .map(distance),
         )
     };
-    Some(greatest(
+    Some(max_or_nan(
         (0..from.triangles.len())
             .into_par_iter()
             .map(furthest)

@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use super::working::Working;
 use super::{Step, topology};
 use crate::format::counted;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// Merges each group of boundary vertices at most `within` apart into the lowest vertex; 0 merges
 /// coincident vertices.
@@ -53,8 +53,8 @@ pub(super) fn merge(working: &mut Working, within: f64) {
     let distance = |v: &u32| {
         (working.vertices[*v as usize] - working.vertices[target[*v as usize] as usize]).norm()
     };
-    let moved = greatest(merged.iter().map(distance));
-    working.moved = greatest([working.moved, moved]);
+    let moved = max_or_nan(merged.iter().map(distance));
+    working.moved = max_or_nan([working.moved, moved]);
     working
         .triangles
         .iter_mut()

@@ -6,7 +6,7 @@ use super::{Change, Repaired, Step};
 use crate::format::counted;
 use crate::mesh::TriangleMesh;
 use crate::mesh::coincident::{first_in_place, same_corners};
-use crate::mesh::measures::{greatest, triangle_areas};
+use crate::mesh::measures::{max_or_nan, triangle_areas};
 use crate::mesh::topology::Topology;
 
 /// Vertices, triangles and lines, each with its original index.
@@ -145,7 +145,7 @@ impl Working {
         each.iter()
             .enumerate()
             .for_each(|(t, area)| areas[label(t)] += area);
-        let most = greatest(areas.iter().copied());
+        let most = max_or_nan(areas.iter().copied());
         let largest = areas.iter().position(|a| *a == most).unwrap_or(0);
         let keep: Vec<bool> = (0..self.triangles.len())
             .map(|t| label(t) == largest)

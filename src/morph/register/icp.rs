@@ -1,7 +1,7 @@
 //! Iterated closest points in six stages \[rusinkiewicz2001\]: select, match, weigh, reject,
 //! measure, minimise.
 
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use nalgebra::{Point3, Similarity3, Vector3};
 
 use super::fit::{Motion, fit};
@@ -157,7 +157,7 @@ impl Icp {
                 pairs: pairs.len(),
                 round,
             })?;
-            let moved = greatest(pairs.iter().map(|p| (step * p.from - p.from).norm()));
+            let moved = max_or_nan(pairs.iter().map(|p| (step * p.from - p.from).norm()));
             motion = step * motion;
             last = Registered {
                 motion,
@@ -231,7 +231,7 @@ impl Icp {
 
     /// The motion that minimises the measure.
     fn step(&self, pairs: &[Pair]) -> Option<Similarity3<f64>> {
-        let most = greatest(pairs.iter().map(|p| p.distance));
+        let most = max_or_nan(pairs.iter().map(|p| p.distance));
         let weight = |p: &Pair| match self.weigh {
             PairWeight::Near if most > 0.0 => 1.0 - p.distance / most,
             _ => 1.0,

@@ -14,7 +14,7 @@ mod clusters;
 use nalgebra::{Point3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{RegisterError, Surface};
-use crate::mesh::measures::{greatest, median};
+use crate::mesh::measures::{max_or_nan, median};
 use crate::solvers::sparse::Factor;
 use clusters::Clusters;
 
@@ -322,7 +322,7 @@ impl<'a> Bending<'a> {
         }
         let before = std::mem::take(&mut self.now);
         self.follow();
-        Ok(greatest(
+        Ok(max_or_nan(
             before.iter().zip(&self.now).map(|(a, b)| (b - a).norm()),
         ))
     }
@@ -382,7 +382,7 @@ impl<'a> Bending<'a> {
     /// Greatest angle between the rotations of two neighbouring clusters.
     fn bend(&self) -> f64 {
         let turn = |c: u32| self.motions[c as usize].turn;
-        greatest(
+        max_or_nan(
             self.clusters
                 .neighbours
                 .iter()

@@ -73,7 +73,7 @@ impl Residual {
         let squares: f64 = all.iter().map(|d| d * d).sum();
         Self {
             rms: (squares / all.len().max(1) as f64).sqrt(),
-            max: crate::mesh::measures::greatest(all.iter().copied()),
+            max: crate::mesh::measures::max_or_nan(all.iter().copied()),
             median: median(all).unwrap_or(0.0),
         }
     }

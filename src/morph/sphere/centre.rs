@@ -1,6 +1,6 @@
 //! A bounding sphere of a body, and a point inside the body.
 
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use nalgebra::{Point3, Vector3};
 
 use super::SphereError;

@@ -22,7 +22,7 @@ use super::SphereError;
 use super::centre::bounding_sphere;
 use super::rings::{Removed, Rings};
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// Radius of the body in units where two perpendicular unit normals are 1.4 apart. Maps are equally
 /// good from 2 to 6.
@@ -136,7 +136,7 @@ fn best(
     let ours = rings.of(vertex);
     let cost = |into: u32| {
         let from = &oriented_points[into as usize];
-        let longest = greatest(
+        let longest = max_or_nan(
             ours.iter()
                 .map(|&v| from.square(&oriented_points[v as usize])),
         );

@@ -202,13 +202,13 @@ impl Encode for Distance {
 }
 
 impl Value for Fingerprint {
-    const LEAST: usize = 8;
+    const MIN_BYTES: usize = 8;
 
-    fn put(&self, to: &mut Writer) {
+    fn encode(&self, to: &mut Writer) {
         to.list(&self.0);
     }
 
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
         Ok(Self(from.take()?))
     }
 }

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use super::body::Body;
-use super::finding::{Touch, find};
+use super::finding::{Contact, find};
 use super::impulse::{Part, Response, impulse};
 use crate::contact::Obstacle;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::springs::integrators::{SemiImplicitEuler, StepError};
 use crate::springs::stability;
 
@@ -84,15 +84,15 @@ impl Bodies {
         // This check comes first: a point without a finite position touches nothing.
         self.check(dt)?;
         self.bodies.iter_mut().for_each(Body::refit);
-        let touches = find(&mut self.bodies, &self.obstacles);
-        let inside = touches.iter().filter(|t| t.depth > 0.0).count();
-        let met = Met {
+        let contacts = find(&mut self.bodies, &self.obstacles);
+        let inside = contacts.iter().filter(|t| t.depth > 0.0).count();
+        let met = StepContacts {
             inside,
-            crossings: touches.len() - inside,
-            depth: greatest(touches.iter().map(|t| t.depth)),
-            impulses: self.respond(&touches),
-            approach: greatest(
-                touches
+            crossings: contacts.len() - inside,
+            depth: max_or_nan(contacts.iter().map(|t| t.depth)),
+            impulses: self.respond(&contacts),
+            approach: max_or_nan(
+                contacts
                     .iter()
                     .map(|t| -self.approach(t))
                     .filter(|a| !(*a <= 0.0)),
@@ -103,7 +103,7 @@ impl Bodies {
             body.carry(dt);
         }
         if inside > 0 {
-            self.put_out(&touches);
+            self.put_out(&contacts);
         }
         self.check(dt)?;
         Ok(met)
@@ -118,7 +118,7 @@ impl Bodies {
     /// a body.
     fn parts<'a>(
         &'a self,
-        t: &Touch,
+        t: &Contact,
         of: impl Fn(usize) -> &'a [Vector3<f64>],
     ) -> (Part<2>, Part<3>) {
         let (one, zero) = (&self.bodies[t.first], Vector3::zeros());
@@ -139,7 +139,7 @@ impl Bodies {
         (first, second)
     }
 
-    fn moving(&self, t: &Touch) -> (Part<2>, Part<3>) {
+    fn moving(&self, t: &Contact) -> (Part<2>, Part<3>) {
         self.parts(t, |body| &self.bodies[body].system.velocity)
     }
 
@@ -155,7 +155,7 @@ impl Bodies {
         let mut given = 0;
         for _ in 0..self.sweeps {
             let before = given;
-            for t in touches {
+            for t in contacts {
                 let (first, second) = self.moving(t);
                 let Some(j) = impulse(&t.normal, &first, &second, self.response) else {
                     continue;
@@ -192,7 +192,7 @@ impl Bodies {
             .iter()
             .map(|b| vec![Vector3::zeros(); b.system.len()])
             .collect();
-        for t in touches.iter().filter(|t| t.depth > 0.0) {
+        for t in contacts.iter().filter(|t| t.depth > 0.0) {
             let (first, second) = self.parts(t, |body| &moves[body]);
             let mobility = first.mobility() + second.mobility();
             let left = self.put_out * t.depth - (second.at() - first.at()).dot(&t.normal);

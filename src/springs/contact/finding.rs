@@ -7,11 +7,11 @@ use nalgebra::Vector3;
 use super::body::Body;
 use super::edges::{Edge, Found, crossings};
 use crate::contact::Obstacle;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// A contact of a point of one body with a point of another, or of an obstacle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Touch {
+pub(super) struct Contact {
     /// The body with the edge or the vertex.
     pub first: usize,
     /// Ends of the edge; a vertex has two equal ends.
@@ -39,12 +39,12 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
             }
         }
     }
-    let mut asked: Vec<usize> = near.iter().flatten().copied().collect();
-    asked.sort_unstable();
-    asked.dedup();
-    asked.iter().for_each(|&i| bodies[i].refit_inside());
+    let mut near_bodies: Vec<usize> = near.iter().flatten().copied().collect();
+    near_bodies.sort_unstable();
+    near_bodies.dedup();
+    near_bodies.iter().for_each(|&i| bodies[i].refit_inside());
     let bodies = &*bodies;
-    let mut touches = Vec::new();
+    let mut contacts = Vec::new();
     for [i, j] in near {
         crossings(bodies[i].sheet(), bodies[j].sheet(), |found| {
             let (first, second) = if found.which == Edge::OfFirst {
@@ -52,10 +52,10 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
             } else {
                 (j, i)
             };
-            touches.extend(crossed(bodies, first, second, &found));
+            contacts.extend(crossed(bodies, first, second, &found));
         });
-        vertices(bodies, i, j, &mut touches);
-        vertices(bodies, j, i, &mut touches);
+        vertices(bodies, i, j, &mut contacts);
+        vertices(bodies, j, i, &mut contacts);
     }
     for (first, body) in bodies
         .iter()
@@ -64,9 +64,9 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
     {
         obstacles
             .iter()
-            .for_each(|o| against(first, body, &**o, &mut touches));
+            .for_each(|o| against(first, body, &**o, &mut contacts));
     }
-    touches
+    contacts
 }
 
 /// The normal is that of the triangle or of the edge, whichever gives the shorter exit. Otherwise a
@@ -90,7 +90,7 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
         (-outward, -above.min(below))
     };
     if let Some(out_of_edge) = bodies[first].normal_of_side(found.side) {
-        let deepest = greatest(
+        let deepest = max_or_nan(
             corner
                 .iter()
                 .map(|c| -out_of_edge.dot(&(c - p)))
@@ -100,7 +100,7 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
             normal = out_of_edge;
         }
     }
-    Some(Touch {
+    Some(Contact {
         first,
         ends: found.edge,
         end_weights: found.at.edge,
@@ -128,7 +128,7 @@ fn vertices(bodies: &[Body], first: usize, second: usize, touches: &mut Vec<Touc
             .nearest(p, f64::MAX)
             .filter(|on| on.closest.distance < 0.0)
         {
-            touches.push(Touch {
+            contacts.push(Contact {
                 first,
                 ends: [v; 2],
                 end_weights: [1.0, 0.0],
@@ -142,7 +142,7 @@ fn vertices(bodies: &[Body], first: usize, second: usize, touches: &mut Vec<Touc
     }
 }
 
-fn against(first: usize, body: &Body, obstacle: &dyn Obstacle, touches: &mut Vec<Touch>) {
+fn against(first: usize, body: &Body, obstacle: &dyn Obstacle, contacts: &mut Vec<Contact>) {
     let bounds = obstacle.bounding_box();
     if !body.bounds().intersects(&bounds) {
         return;
@@ -153,7 +153,7 @@ fn against(first: usize, body: &Body, obstacle: &dyn Obstacle, touches: &mut Vec
             continue;
         }
         if let Some(closest) = obstacle.closest(p).filter(|c| c.distance < 0.0) {
-            touches.push(Touch {
+            contacts.push(Contact {
                 first,
                 ends: [v; 2],
                 end_weights: [1.0, 0.0],

@@ -12,7 +12,7 @@ pub mod hierarchy;
 pub mod impulse;
 pub mod voxels;
 
-pub use bodies::{Bodies, Met};
+pub use bodies::{Bodies, StepContacts};
 pub use body::{Body, BodyError, Drive};
 pub use hierarchy::Hierarchy;
 pub use impulse::{Response, ResponseError};

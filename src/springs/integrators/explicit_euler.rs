@@ -33,7 +33,8 @@ impl Integrator for ExplicitEuler {
         finite(system, dt)
     }
 
-    fn limit(&self, Mode { square, drag }: Mode) -> f64 {
+    fn limit(&self, mode: Mode) -> f64 {
+        let (square, drag) = (mode.angular_frequency_squared, mode.damping_rate);
         // z^2 - (2 - b) z + 1 - b + a = 0 with a = w^2 dt^2, b = d dt: a < b and 4 - 2 b + a > 0.
         let first = if square > 0.0 {
             drag / square

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::StepError;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 use crate::springs::system::SpringSystem;
 

@@ -53,7 +53,8 @@ impl Integrator for Rk4 {
         finite(system, dt)
     }
 
-    fn limit(&self, Mode { square, drag }: Mode) -> f64 {
+    fn limit(&self, mode: Mode) -> f64 {
+        let (square, drag) = (mode.angular_frequency_squared, mode.damping_rate);
         let root = Complex::new(drag * drag - 4.0 * square, 0.0).sqrt();
         let lambda = [(root - drag) * 0.5, (-root - drag) * 0.5];
         let scale = lambda.iter().map(|l| l.norm()).fold(0.0, f64::max);

@@ -62,7 +62,8 @@ impl Integrator for SemiImplicitEuler {
         self.positions(system, dt)
     }
 
-    fn limit(&self, Mode { square, drag }: Mode) -> f64 {
+    fn limit(&self, mode: Mode) -> f64 {
+        let (square, drag) = (mode.angular_frequency_squared, mode.damping_rate);
         // f w^2 dt^2 + 2 f d dt < 2 (1 + f).
         let f = self.factor;
         let room = 2.0 * (1.0 + f) / f;

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::kernel::{Carried, Frame, Moved, Plane, act_upwards, step_plane};
 use super::{Lattice, LatticeError};
-use crate::constraints::Width;
+use crate::constraints::SimdWidth;
 use crate::simd::{FusedLane, FusedWork, Number};
 
 /// Slabs of fewer points do not justify a thread.
@@ -358,7 +358,7 @@ impl<F: Number> Lattice<F> {
 
 /// Runs the work of each slab, on threads if there are several.
 fn on_slabs<F: Number, W: FusedWork<F, Output: Default + Send> + Send>(
-    width: Width,
+    width: SimdWidth,
     slabs: Vec<W>,
     both: impl Fn(W::Output, W::Output) -> W::Output + Sync + Send,
 ) -> W::Output {

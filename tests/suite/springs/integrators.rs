@@ -254,13 +254,20 @@ fn the_stiffest_motion_of_a_chain_is_known() {
     system.position = x;
     let exact = 4.0 / 0.5 * (2.0 - 2.0 * (std::f64::consts::PI * 5.0 / 6.0).cos());
     let Stiffest { mode, bound, .. } = stiffest(&system);
-    assert!((mode.square / exact - 1.0).abs() <= 1e-6, "{mode:?}");
-    assert!((mode.drag - 1.4).abs() <= 1e-15 && bound >= exact && bound <= 1.1 * exact);
+    assert!(
+        (mode.angular_frequency_squared / exact - 1.0).abs() <= 1e-6,
+        "{mode:?}"
+    );
+    assert!((mode.damping_rate - 1.4).abs() <= 1e-15 && bound >= exact && bound <= 1.1 * exact);
     // Twice the mass of one point raises nothing.
     let of = |by: &dyn Integrator| limit(by, &stiffest(&system));
     assert!(of(&Verlet::default()) < of(&Rk4) && of(&ImplicitEuler::default()) == f64::INFINITY);
     system.pin(0..7);
-    assert_eq!(stiffest(&system).mode.square, 0.0, "nothing moves");
+    assert_eq!(
+        stiffest(&system).mode.angular_frequency_squared,
+        0.0,
+        "nothing moves"
+    );
 }
 
 /// Energy over its start, greatest and at the end, of 1000 steps at `w dt` = 0.1.

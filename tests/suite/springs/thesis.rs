@@ -84,10 +84,10 @@ fn m3_stiffest_motions_and_limits_are_those_of_the_errata() {
     for (n, neighbours, expected) in rows {
         let found = square(n, neighbours);
         assert!(
-            (found.mode.square / expected - 1.0).abs() <= 1e-3,
+            (found.mode.angular_frequency_squared / expected - 1.0).abs() <= 1e-3,
             "{n} {neighbours:?}: {found:?}"
         );
-        assert!(found.bound >= found.mode.square);
+        assert!(found.bound >= found.mode.angular_frequency_squared);
     }
     // 5^3, m = 0.0088, c = 0.4596: dt < 0.0269; 0.020 converges, 0.030 explodes.
     let (mut system, surface) = cube(5, Neighbours::Six, 0.0088, 0.4596);

@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 
 use super::Muscles;
 use crate::snapshot::{BodyShot, BoneShot, Probe, Reading, Shot, Stage, StageBody, Tissue};
-use pliant::mesh::measures::{greatest, volume};
+use pliant::mesh::measures::{max_or_nan, volume};
 use pliant::scene::Joint;
 use pliant::simulation::measures::strain_at_vertices;
 use pliant::simulation::{Body, Simulation};
@@ -101,13 +101,13 @@ impl Muscles {
             add(
                 "Greatest stretch",
                 "%",
-                100.0 * greatest(shot.stretch.iter().copied()),
+                100.0 * max_or_nan(shot.stretch.iter().copied()),
             );
             if effects.contact.is_some() {
                 add(
                     "Greatest depth",
                     "mm",
-                    1e3 * greatest(shot.depth.iter().copied()),
+                    1e3 * max_or_nan(shot.depth.iter().copied()),
                 );
             }
         }

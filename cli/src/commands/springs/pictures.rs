@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use pliant::mesh::measures::{Aabb, greatest};
+use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Legend, Lines, PictureError, Rgb, TextStyle, View, render,
 };
@@ -72,7 +72,7 @@ impl Shown {
     ) -> Result<Vec<Vec<u8>>, PictureError> {
         let strains: Vec<Vec<f64>> = states.iter().map(|(_, x)| self.strains(x)).collect();
         let known = || strains.iter().flatten().copied().filter(|s| s.is_finite());
-        let (least, most) = (-greatest(known().map(|s| -s)), greatest(known()));
+        let (least, most) = (-max_or_nan(known().map(|s| -s)), max_or_nan(known()));
         // Where strains differ by rounding alone colours are to say so.
         let range = if most - least > 1e-6 {
             (least, most)

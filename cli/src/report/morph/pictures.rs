@@ -69,7 +69,7 @@ impl Drawn {
                 .collect(),
             _ => Vec::new(),
         };
-        let range = (0.0, greatest(ways.iter().copied()));
+        let range = (0.0, max_or_nan(ways.iter().copied()));
         let legend = Legend::new(
             "Way",
             if morph.unit.is_some() { unit } else { "" },
@@ -227,7 +227,7 @@ fn outlines(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vec<Point3<f6
 
 /// Pieces into which a side is cut so that it looks round.
 fn pieces(sides: &[f64]) -> usize {
-    (greatest(sides.iter().copied()) / PIECE)
+    (max_or_nan(sides.iter().copied()) / PIECE)
         .ceil()
         .clamp(1.0, 32.0) as usize
 }

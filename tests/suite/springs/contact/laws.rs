@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
 use pliant::springs::SpringSystem;
 use pliant::springs::contact::body::{Body, BodyError, Drive};
-use pliant::springs::contact::{Bodies, Met, Response};
+use pliant::springs::contact::{Bodies, Response, StepContacts};
 use pliant::springs::integrators::StepError;
 use pliant::springs::system::SystemError;
 use pliant::testing::Draw;
@@ -104,7 +104,7 @@ fn contact_alone_gains_no_energy_and_keeps_momentum_and_spin() {
         let mut all = Bodies::new(vec![one, two]);
         all.response = Response::new(e, mu).expect("in range");
         all.put_out = 0.0;
-        let (mut met, begin) = (Met::default(), kept(&all).energy);
+        let (mut met, begin) = (StepContacts::default(), kept(&all).energy);
         for step in 0..80 {
             let before = kept(&all);
             let found = all.step(1e-4).expect("a step");
@@ -389,7 +389,7 @@ fn nothing_at_all_makes_steps() {
     let mut none = Bodies::new(Vec::new());
     assert_eq!(
         (none.step(1.0), none.limit()),
-        (Ok(Met::default()), f64::INFINITY)
+        (Ok(StepContacts::default()), f64::INFINITY)
     );
 }
 
