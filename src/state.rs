@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 /// Error of bytes that are no valid state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("byte {at} of the state: {what}")]
-pub struct Corrupt {
+pub struct DecodeError {
     /// Read position from the beginning of the state.
     pub at: usize,
     /// Description of the error.
@@ -29,15 +29,15 @@ pub trait State {
     ///
     /// # Errors
     /// The bytes are no such state; `self` must not be used afterwards.
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt>;
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError>;
 }
 
 /// A value that its bytes determine completely.
 pub trait Value: Sized {
     /// Least number of bytes; not zero.
-    const LEAST: usize;
+    const MIN_BYTES: usize;
     /// Appends its bytes.
-    fn put(&self, to: &mut Writer);
+    fn encode(&self, to: &mut Writer);
     /// Reads the value.
     ///
     /// # Errors
@@ -79,15 +79,15 @@ impl<'a> Reader<'a> {
     }
 
     /// An error at this position.
-    pub fn corrupt(&self, what: &'static str) -> Corrupt {
-        Corrupt { at: self.at, what }
+    pub fn corrupt(&self, what: &'static str) -> DecodeError {
+        DecodeError { at: self.at, what }
     }
 
     /// `Ok` if a condition holds, otherwise an error at this position.
     ///
     /// # Errors
     /// The condition does not hold.
-    pub fn check(&self, holds: bool, what: &'static str) -> Result<(), Corrupt> {
+    pub fn check(&self, holds: bool, what: &'static str) -> Result<(), DecodeError> {
         if holds {
             Ok(())
         } else {
@@ -99,7 +99,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// Fewer bytes remain.
-    pub fn slice(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
+    pub fn slice(&mut self, count: usize) -> Result<&'a [u8], DecodeError> {
         let (head, rest) = self
             .rest
             .split_at_checked(count)
@@ -119,13 +119,13 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// The bytes end, or are no such value.
-    pub fn take<T: Value>(&mut self) -> Result<T, Corrupt> {
-        T::take(self)
+    pub fn take<T: Value>(&mut self) -> Result<T, DecodeError> {
+        T::decode(self)
     }
 
     /// The length of a list of values of at least `least` bytes each, limited by the remaining
     /// bytes.
-    fn length(&mut self, least: usize) -> Result<usize, Corrupt> {
+    fn length(&mut self, least: usize) -> Result<usize, DecodeError> {
         let count = self.take::<usize>()?;
         self.check(count <= self.rest.len() / least, "more entries than bytes")?;
         Ok(count)
@@ -135,8 +135,8 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// Another length, or invalid values.
-    pub fn fill<T: Value>(&mut self, values: &mut [T]) -> Result<(), Corrupt> {
-        let count = self.length(T::LEAST)?;
+    pub fn fill<T: Value>(&mut self, values: &mut [T]) -> Result<(), DecodeError> {
+        let count = self.length(T::MIN_BYTES)?;
         self.check(count == values.len(), "a list of another length")?;
         for value in values {
             *value = self.take()?;
@@ -148,7 +148,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// Another length, or invalid values.
-    pub fn exactly<T: Value>(&mut self, count: usize) -> Result<Vec<T>, Corrupt> {
+    pub fn exactly<T: Value>(&mut self, count: usize) -> Result<Vec<T>, DecodeError> {
         let values = self.take::<Vec<T>>()?;
         self.check(values.len() == count, "a list of another length")?;
         Ok(values)
@@ -158,7 +158,7 @@ impl<'a> Reader<'a> {
     ///
     /// # Errors
     /// Some bytes remain.
-    pub fn end(self) -> Result<(), Corrupt> {
+    pub fn end(self) -> Result<(), DecodeError> {
         self.check(self.rest.is_empty(), "bytes behind the end")
     }
 }
@@ -209,8 +209,8 @@ impl<T: Value, const N: usize> Value for [T; N] {
     fn encode(&self, to: &mut Writer) {
         self.iter().for_each(|value| value.encode(to));
     }
-    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        let values: Vec<T> = (0..N).map(|_| T::take(from)).collect::<Result<_, _>>()?;
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        let values: Vec<T> = (0..N).map(|_| T::decode(from)).collect::<Result<_, _>>()?;
         // Exactly `N` values were read.
         values
             .try_into()

@@ -14,7 +14,7 @@ pub struct Candidate {
     /// Solver and settings.
     pub solver: Solver,
     /// SIMD width: greatest number of constraints computed at once.
-    pub width: Width,
+    pub width: SimdWidth,
     /// Number of threads.
     pub threads: usize,
     /// Method of contact search: the name of one of [`WAYS`]; `None` for the default hierarchy.

@@ -7,10 +7,10 @@ use super::choice::{Recommended, pareto, recommend};
 use super::distance::Distance;
 use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
-use crate::constraints::lanes::Width;
-use crate::contact::ways::WAYS;
+use crate::constraints::lanes::SimdWidth;
+use crate::contact::broad_phase::METHODS;
 use crate::progress::Progress;
-use crate::scene::{Scene, Solver};
+use crate::scene::Scene;
 use crate::simulation::{Assets, LoadError};
 
 /// Options of a study.
@@ -486,7 +486,7 @@ impl Measuring<'_> {
             .filter_map(|r| r.row)
             .map(|row| study.rows[row].candidate)
         {
-            if candidate.solver.minimisation().is_none() && candidate.width != Width::One {
+            if candidate.solver.minimisation().is_none() && candidate.width != SimdWidth::One {
                 add(Candidate {
                     width: SimdWidth::One,
                     ..candidate

@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 use super::Constraint;
 use super::blocks::Block;
 use super::kernel::SweepBlock;
-use super::lanes::Width;
+use super::lanes::SimdWidth;
 use super::order::{Order, Schedule, schedule};
 use super::projection::{Span, Sweep};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::particles::{Numbering, Packed, Particles};
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -69,7 +69,7 @@ pub trait Project: State + Send + Sync {
         Usage::default()
     }
     /// Computes at most so many constraints at once, where the set can; no bit of a result depends on it.
-    fn set_width(&mut self, _width: Width) {}
+    fn set_width(&mut self, _width: SimdWidth) {}
 }
 
 /// Constraints of one kind in the order in which they are swept.
@@ -343,7 +343,7 @@ pub(crate) fn save_branches<C: Constraint<K>, const K: usize>(constraints: &[C],
 pub(crate) fn restore_branches<C: Constraint<K>, const K: usize>(
     constraints: &mut [C],
     from: &mut Reader<'_>,
-) -> Result<(), Corrupt> {
+) -> Result<(), DecodeError> {
     if let Some(branch) = C::kernel().branch {
         let values = from.exactly::<f64>(constraints.len())?;
         constraints
@@ -375,7 +375,7 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
         to.put(&(*calls, *skipped));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         restore_branches(&mut self.constraints, from)?;
         from.fill(&mut self.multipliers)?;
         (self.calls, self.skipped) = from.take()?;

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::lanes::{Lane, Several, Width};
+use super::lanes::{Lane, Several, SimdWidth};
 use super::projection::{self, Span, Sweep};
 use super::quadratic::{self, Forces};
 use super::stencil::Blocks;
@@ -77,7 +77,7 @@ pub(crate) struct Branch<C> {
 }
 
 /// A sweep over the spans of a block.
-pub(crate) type SweepBlock<C, const K: usize> = fn(&mut Sweep<'_, C, K>, &[Span], Width);
+pub(crate) type SweepBlock<C, const K: usize> = fn(&mut Sweep<'_, C, K>, &[Span], SimdWidth);
 
 /// The second derivative [N/m] of k C^2 / 2 for a stiffness k, or with `true` its nearest positive semi-definite part.
 pub type Hessian<C, const K: usize> = fn(&C, &[Point3<f64>; K], f64, bool) -> Option<Blocks<K>>;

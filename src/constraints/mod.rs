@@ -36,7 +36,7 @@ pub use bending::Bending;
 pub use distance::Distance;
 pub use enclosed_volume::EnclosedVolume;
 pub use kernel::{Kernel, LaneConstraint};
-pub use lanes::{Lane, Several, Width};
+pub use lanes::{Lane, Several, SimdWidth};
 pub use order::Order;
 pub use plane_contact::PlaneContact;
 pub use potential::Potential;

@@ -6,7 +6,7 @@ use std::ops::Range;
 use nalgebra::Point3;
 
 use super::kernel::Mode;
-use super::lanes::{self, InLanes, Lane, Several, Width, dot, scale, unrolled};
+use super::lanes::{self, InLanes, Lane, Several, SimdWidth, dot, scale, unrolled};
 use super::{Constraint, LaneConstraint};
 use crate::particles::Slot;
 
@@ -293,7 +293,7 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
 pub fn one_by_one<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
     sweep: &mut Sweep<'_, C, K>,
     spans: &[Span],
-    _: Width,
+    _: SimdWidth,
 ) {
     for span in spans {
         for j in span.range.clone() {
@@ -306,7 +306,7 @@ pub fn one_by_one<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
 pub fn in_lanes<C: LaneConstraint<K>, M: Mode<C, K>, const K: usize>(
     sweep: &mut Sweep<'_, C, K>,
     spans: &[Span],
-    width: Width,
+    width: SimdWidth,
 ) {
     let mode = PhantomData::<M>;
     lanes::run(width, Swept { sweep, spans, mode });

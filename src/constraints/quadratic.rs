@@ -3,15 +3,15 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::batch::{restore_branches, save_branches};
-use super::lanes::{self, InLanes, Lane, Several, Width, unrolled};
+use super::lanes::{self, InLanes, Lane, Several, SimdWidth, unrolled};
 use super::potential::{Memory, Potential, positive_part};
 use super::second::Second;
 use super::stencil::{self, Blocks, Stencil};
 use super::{Constraint, LaneConstraint};
-use crate::mesh::measures::greatest;
-use crate::mesh::sum::Compensated;
+use crate::mesh::measures::max_or_nan;
+use crate::mesh::sum::NeumaierSum;
 use crate::particles::Slot;
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// The energy k C^2 / 2 of constraints of one kind, k the stiffness of each [J per unit of C squared].
 #[derive(Clone, Debug)]
@@ -86,7 +86,7 @@ impl<C: Constraint<K>, const K: usize> Stencil<K> for Squared<C> {
         let Some((_, g)) = self.constraint.value_and_gradient(x) else {
             return 0.0;
         };
-        let longest = greatest(x.iter().map(|p| (p - x[0]).norm_squared()));
+        let longest = max_or_nan(x.iter().map(|p| (p - x[0]).norm_squared()));
         self.stiffness * g[0].norm_squared() * longest.sqrt()
     }
 }
@@ -121,7 +121,7 @@ impl<C: Constraint<K>, const K: usize> State for Quadratic<C, K> {
         save_branches(constraints, to);
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         restore_branches(&mut self.constraints, from)
     }
 }
@@ -136,7 +136,7 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
+        let mut sum = NeumaierSum::default();
         let slots: Vec<Slot> = x.iter().map(|x| Slot([x.x, x.y, x.z, 0.0])).collect();
         let forces = Forces {
             of: self,
@@ -199,7 +199,7 @@ pub(crate) struct Forces<'a, C, const K: usize> {
     x: &'a [Point3<f64>],
     slots: &'a [Slot],
     gradient: &'a mut [Vector3<f64>],
-    sum: &'a mut Compensated,
+    sum: &'a mut NeumaierSum,
 }
 
 impl<C: Constraint<K>, const K: usize> Forces<'_, C, K> {
@@ -278,5 +278,5 @@ pub(crate) fn one_by_one<C: Constraint<K>, const K: usize>(mut forces: Forces<'_
 
 /// Adds energy and forces of as many constraints at once as the processor has lanes.
 pub(crate) fn in_lanes<C: LaneConstraint<K>, const K: usize>(forces: Forces<'_, C, K>) {
-    lanes::run(Width::best(), forces);
+    lanes::run(SimdWidth::best(), forces);
 }

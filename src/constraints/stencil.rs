@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::potential::Potential;
-use crate::mesh::sum::Compensated;
+use crate::mesh::sum::NeumaierSum;
 
 /// Blocks of the second derivative of a stencil [N/m], by row and column.
 pub type Blocks<const K: usize> = [[Matrix3<f64>; K]; K];
@@ -69,7 +69,7 @@ pub(super) fn energy<T: Stencil<K>, const K: usize>(
     terms: impl Iterator<Item = T>,
     x: &[Point3<f64>],
 ) -> f64 {
-    let mut sum = Compensated::default();
+    let mut sum = NeumaierSum::default();
     for term in terms {
         if let Some(energy) = term.energy(&at(term.points(), x)) {
             sum.add(energy);
@@ -84,7 +84,7 @@ pub(super) fn energy_and_gradient<T: Stencil<K>, const K: usize>(
     x: &[Point3<f64>],
     gradient: &mut [Vector3<f64>],
 ) -> f64 {
-    let mut sum = Compensated::default();
+    let mut sum = NeumaierSum::default();
     for term in terms {
         let points = term.points();
         let Some((energy, slopes)) = term.energy_and_gradient(&at(points, x)) else {
@@ -151,7 +151,7 @@ pub(super) fn force_scale<T: Stencil<K>, const K: usize>(
     terms: impl ExactSizeIterator<Item = T>,
     x: &[Point3<f64>],
 ) -> f64 {
-    let (mut sum, count) = (Compensated::default(), terms.len());
+    let (mut sum, count) = (NeumaierSum::default(), terms.len());
     for term in terms {
         let force = term.force_scale(&at(term.points(), x));
         sum.add(force * force);

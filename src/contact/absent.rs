@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::PosedObstacle;
 use crate::particles::{Particles, Slot};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Contacts of a body with obstacles; without the feature `contact` there are none.
 pub enum Contacts {}
@@ -39,7 +39,7 @@ impl State for Contacts {
         match *self {}
     }
 
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
         match *self {}
     }
 }

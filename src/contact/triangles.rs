@@ -260,7 +260,7 @@ impl TriangleContacts {
             }
             // Near a fixed corner the others have no lever: no corner moves farther than twice the
             // penetration.
-            let weight = greatest(each().map(|(w, g)| 0.5 * w * g).chain([weight]));
+            let weight = max_or_nan(each().map(|(w, g)| 0.5 * w * g).chain([weight]));
             // No corner moves farther than the thickness at once: deep penetrations resolve over
             // several sweeps.
             let c = c.max(-self.thickness);
@@ -420,7 +420,7 @@ impl TriangleContacts {
     }
 
     /// Restores the state of contact with `surface`.
-    pub fn restore(&mut self, from: &mut Reader<'_>, surface: &Surface) -> Result<(), Corrupt> {
+    pub fn restore(&mut self, from: &mut Reader<'_>, surface: &Surface) -> Result<(), DecodeError> {
         let (points, triangles) = (self.wake.len(), surface.triangles().len());
         let (is_point, is_triangle) = (
             |k: u32| (k as usize) < points,

@@ -124,7 +124,7 @@ mod tests {
         let bound = BoundLines::new(&Surface::new(&mesh), std::slice::from_ref(&line));
         let here = &bound.at(&mesh.vertices)[0];
         let sideways =
-            crate::mesh::measures::greatest(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
+            crate::mesh::measures::max_or_nan(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
         // Inside, a point lies on the line between its two surface points; the limit is a few
         // roundings of a size of 0.1.
         assert!(sideways <= 64.0 * f64::EPSILON * 0.1, "{sideways}");

@@ -6,7 +6,7 @@ use super::polyline::length;
 use super::solid::Closed;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 

@@ -282,7 +282,7 @@ pub fn smallest_angle([a, b, c]: [Point3<f64>; 3]) -> f64 {
 
 /// The greatest of non-negative numbers; 0 for none. NaN if one of them is NaN, which `f64::max`
 /// would hide.
-pub fn greatest(numbers: impl IntoIterator<Item = f64>) -> f64 {
+pub fn max_or_nan(numbers: impl IntoIterator<Item = f64>) -> f64 {
     numbers.into_iter().fold(
         0.0,
         |most: f64, n| if n <= most || most.is_nan() { most } else { n },

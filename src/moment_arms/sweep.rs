@@ -401,7 +401,7 @@ impl Scenario for Running {
     }
 
     fn measures(&self) -> Vec<(&'static str, f64)> {
-        let most = |of: fn(&Crossing) -> f64| greatest(self.muscles.iter().map(of));
+        let most = |of: fn(&Crossing) -> f64| max_or_nan(self.muscles.iter().map(of));
         vec![
             ("volume_error", most(|m| m.volume_error)),
             ("penetration_m", most(|m| m.vertex_depth)),

@@ -16,8 +16,8 @@ use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
 use super::ready::Rest;
 use super::tracked::Tracked;
-use crate::constraints::distance::Distance;
 use crate::constraints::Potential;
+use crate::constraints::distance::Distance;
 use crate::contact::untangle::Untangled;
 use crate::contact::{Contacts, PosedObstacle, Surface};
 use crate::fibres::binding::BoundLines;
@@ -28,7 +28,7 @@ use crate::particles::Particles;
 use crate::scene::{ContactEffect, Mass, Muscle, Scene};
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, Settings, System, stiffness};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest speed of a muscle vertex, in muscle lengths per second.
 const SPEED_LIMIT: f64 = 200.0;

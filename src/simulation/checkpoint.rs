@@ -73,7 +73,7 @@ pub enum Refused {
     },
     /// The bytes match their checksum, but are invalid.
     #[error("it is damaged: {0}")]
-    Corrupt(#[from] DecodeError),
+    DecodeError(#[from] DecodeError),
 }
 
 /// A number of bytes, if known.

@@ -17,7 +17,7 @@ use crate::io::names::file_name;
 use crate::mesh::{Topology, TriangleMesh};
 use crate::progress::Progress;
 use crate::scene::Content;
-use crate::state::Corrupt;
+use crate::state::DecodeError;
 
 /// How a frame ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -137,7 +137,7 @@ pub enum ScenarioError {
     NotSupported(&'static str),
     /// The bytes are no state of this scenario.
     #[error(transparent)]
-    Corrupt(#[from] Corrupt),
+    DecodeError(#[from] DecodeError),
 }
 
 /// A scene that runs frame by frame.

@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use crate::constraints::distance::Distance;
 use crate::contact::PosedObstacle;
 use crate::contact::smooth::SmoothDistance;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::rest::{Relax, relax};
 use crate::solvers::descent::{Outcome, Settings};
 use crate::solvers::energy::Energy;

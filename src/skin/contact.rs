@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::constraints::stencil::{Blocks, at};
 use crate::constraints::{Stencil, Stencils};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 
 /// A contact of a vertex with a plane, fixed or on a triangle, or with a sphere: n.(x - y) >= 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -199,7 +199,7 @@ impl Touching {
     /// Greatest penetration [m].
     pub fn depth(&self, x: &[Point3<f64>]) -> f64 {
         let gaps = self.touches.iter().filter_map(|t| t.gap(x));
-        greatest(gaps.map(|gap| (-gap).max(0.0)))
+        max_or_nan(gaps.map(|gap| (-gap).max(0.0)))
     }
 
     /// Their energy: that of all gaps, then that of sliding.

@@ -19,7 +19,7 @@ use crate::constraints::distance::Distance;
 use crate::constraints::spring::anchors;
 use crate::constraints::{EnclosedVolume, Quadratic};
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::rest::{End, Relax, all_within, relax};
 use crate::solvers::descent::{Outcome, Settings, Unguarded};
 use crate::solvers::energy::Energy;
@@ -347,7 +347,7 @@ impl Relax for Rounds<'_, '_> {
             2 * model.layers.count()
         };
         let moves = before.iter().zip(x.iter()).take(judged);
-        progress.moved = greatest(moves.map(|(a, b)| (a - b).norm()));
+        progress.moved = max_or_nan(moves.map(|(a, b)| (a - b).norm()));
         let area = model.area(x);
         self.told.0.push((self.way.value, area, pressures.clone()));
         let is_still = all_within([(progress.moved, STILL * model.layers.edge)]);

@@ -122,7 +122,11 @@ impl Touched {
     }
 
     /// Restores the state.
-    pub fn restore(&mut self, from: &mut Reader<'_>, unknowns: &Unknowns) -> Result<(), Corrupt> {
+    pub fn restore(
+        &mut self,
+        from: &mut Reader<'_>,
+        unknowns: &Unknowns,
+    ) -> Result<(), DecodeError> {
         self.vertices = from.take()?;
         from.check(
             self.vertices.len() <= MOST_VERTICES,

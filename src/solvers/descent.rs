@@ -9,7 +9,7 @@ use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
 use crate::rest::all_within;
-use crate::state::{Corrupt, Reader, Value, Writer};
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// Least decrease of a step, relative to the decrease predicted by the slope.
 const SUFFICIENT: f64 = 1e-4;

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::press::Press;
 use crate::constraints::EnclosedVolume;
 use crate::constraints::potential::{Potential, volume_hessian};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -165,7 +165,7 @@ impl State for Energy {
         memories.for_each(|memory| memory.save(to));
     }
 
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let mut memories = self.elastic.iter_mut().filter_map(|part| part.memory_mut());
         memories.try_for_each(|memory| memory.restore(from))
     }

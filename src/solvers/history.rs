@@ -132,7 +132,7 @@ impl History {
     }
 
     /// Restores the state, of fields over `count` vertices.
-    pub fn restore(&mut self, from: &mut Reader<'_>, count: usize) -> Result<(), Corrupt> {
+    pub fn restore(&mut self, from: &mut Reader<'_>, count: usize) -> Result<(), DecodeError> {
         self.pairs = from.take::<Vec<Pair>>()?.into();
         let sound = |pair: &Pair| pair.step.len() == count && pair.change.len() == count;
         from.check(

@@ -22,7 +22,7 @@ use super::unknowns::Laplacian;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
 use crate::rest::{End, Relax, relax};
-use crate::state::{self, Corrupt, Reader, Writer};
+use crate::state::{self, DecodeError, Reader, Writer};
 
 /// Number of stored steps of the minimisation: more cost more than they save.
 const MEMORY: usize = 8;
@@ -273,7 +273,7 @@ struct Descent<'a, G> {
     state: State,
     multipliers: Vec<f64>,
     /// The planes that vertices near an obstacle must stay over.
-    rows: Vec<Row>,
+    rows: Vec<ContactPlane>,
     direction: Field,
     outcome: Outcome,
 }

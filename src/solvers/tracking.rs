@@ -47,7 +47,7 @@ mod tests {
 
     use super::*;
     use crate::constraints::Potential;
-    use crate::mesh::measures::greatest;
+    use crate::mesh::measures::max_or_nan;
     use crate::testing::Draw;
 
     fn drawn() -> (Tracking, Vec<Point3<f64>>) {
@@ -99,7 +99,7 @@ mod tests {
             .map(|p| p + Vector3::new(0.25, -0.5, 1.0))
             .collect();
         let part = toward(&part, &shifted);
-        let size = greatest(x.iter().map(|p| p.coords.norm())) + 1.25;
+        let size = max_or_nan(x.iter().map(|p| p.coords.norm())) + 1.25;
         assert!(part.energy(&x) <= 300.0 * 5.0 * (8.0 * f64::EPSILON * size).powi(2));
         assert!(drawn().0.energy(&x) > 1e-3, "control");
     }

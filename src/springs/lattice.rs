@@ -218,7 +218,7 @@ impl<F: Number> Lattice<F> {
 
     /// Sets the SIMD width; no bit of a result depends on it. A width of four or eight doubles in
     /// `f32`.
-    pub fn with_width(mut self, width: Width) -> Self {
+    pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
         self
     }

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::integrators::{Integrator, StepError};
 use super::system::{Energy, SpringSystem};
-use crate::mesh::measures::{Aabb, greatest};
+use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::rest::{self, Relax, all_within, relax};
 
 /// Criterion of rest.

@@ -51,7 +51,7 @@ fn drift(omega_dt: f64, read: Read, velocity_factor: f64) -> Vec<f64> {
     energies
 }
 
-fn greatest(drift: &[f64]) -> f64 {
+fn max_or_nan(drift: &[f64]) -> f64 {
     worst(drift.iter().map(|e| e.abs()))
 }
 
@@ -86,7 +86,7 @@ fn p38_symplectic_euler_keeps_its_energy() {
         // x^2 + v^2 - omega dt x v is kept, and |x v| is at most half of x^2 + v^2.
         let half = 0.5 * omega_dt;
         let exact = half / (1.0 - half);
-        let (off, steep) = (greatest(&found), trend(&found));
+        let (off, steep) = (max_or_nan(&found), trend(&found));
         println!(
             "symplectic Euler, omega dt {omega_dt}: energy off by {off:.6}, trend {steep:.2} standard errors"
         );
@@ -111,7 +111,7 @@ fn p38_verlet_keeps_its_energy_to_second_order() {
     for omega_dt in [0.01, 0.02, 0.05, 0.2, 0.5] {
         let found = drift(omega_dt, Read::Verlet, 1.0);
         let bound = 0.25 * omega_dt * omega_dt;
-        let (off, steep) = (greatest(&found), trend(&found));
+        let (off, steep) = (max_or_nan(&found), trend(&found));
         println!(
             "Verlet, omega dt {omega_dt}: energy off by {off:.3e}, trend {steep:.2} standard errors"
         );
@@ -135,7 +135,7 @@ fn a_drift_is_seen() {
     let bound = 0.5 * omega_dt * HIGHER_ORDER;
     // A damping that leaves the energy within the bound is a trend all the same.
     let damped = drift(omega_dt, Read::Euler, 1.0 - 1e-8);
-    assert!(greatest(&damped) <= bound, "{}", greatest(&damped));
+    assert!(max_or_nan(&damped) <= bound, "{}", max_or_nan(&damped));
     assert!(
         !(trend(&damped).abs() <= 3.0),
         "control: {} standard errors",
@@ -153,11 +153,11 @@ fn a_drift_is_seen() {
         (x, v) = (x + omega_dt * v, v - omega_dt * x);
         explicit.push(x * x + v * v - 1.0);
     }
-    assert!(!(greatest(&implicit) <= bound));
-    assert!(!(greatest(&explicit) <= bound));
+    assert!(!(max_or_nan(&implicit) <= bound));
+    assert!(!(max_or_nan(&explicit) <= bound));
     // Symplectic Euler does not keep what Verlet keeps.
     assert!(
-        !(greatest(&drift(omega_dt, Read::Euler, 1.0))
+        !(max_or_nan(&drift(omega_dt, Read::Euler, 1.0))
             <= 0.25 * omega_dt * omega_dt * HIGHER_ORDER)
     );
 }

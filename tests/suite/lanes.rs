@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
     Batch, Bending, Constraint, Distance, EnclosedVolume, Kernel, Lane, LaneConstraint, Order,
-    Periodic, Project, Scalar, Several, Width,
+    Periodic, Project, Scalar, Several, SimdWidth,
 };
 use pliant::mesh::shapes::icosphere;
 use pliant::particles::Particles;
@@ -250,7 +250,7 @@ impl<const ON_BRANCH: bool> Periodic<4> for OneByOne<ON_BRANCH> {
 /// What hinges leave without lanes, and their branches then.
 fn without_lanes<const ON_BRANCH: bool>(all: &[Bending], body: &Particles) -> (Left, Vec<Bending>) {
     let all: Vec<OneByOne<ON_BRANCH>> = all.iter().copied().map(OneByOne).collect();
-    let (left, then) = swept(&all, body, Width::best());
+    let (left, then) = swept(&all, body, SimdWidth::best());
     (left, then.into_iter().map(|hinge| hinge.0).collect())
 }
 
@@ -258,7 +258,7 @@ fn without_lanes<const ON_BRANCH: bool>(all: &[Bending], body: &Particles) -> (L
 fn a_hinge_one_by_one_on_its_branch_leaves_the_bits_of_lanes() {
     let (mesh, body) = odd_body();
     let all = hinges(&mesh);
-    let (lanes, then) = swept(&all, &body, Width::best());
+    let (lanes, then) = swept(&all, &body, SimdWidth::best());
     let (left, branches) = without_lanes::<true>(&all, &body);
     assert!(left == lanes && branches == then);
     let (_, branches) = without_lanes::<false>(&all, &body);

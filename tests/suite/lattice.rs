@@ -6,7 +6,7 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, Vector3};
 
-use pliant::simd::{Number, Width};
+use pliant::simd::{Number, SimdWidth};
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{
     Lattice, LatticeError, Rest, Settings, Shape, Stiffness, largest_stiffness, stability_limit,

@@ -41,7 +41,7 @@ pub(super) fn go_on(
             Refused::NoCheckpoint
             | Refused::Length { .. }
             | Refused::Checksum
-            | Refused::Corrupt(_) => BEGIN_ANEW,
+            | Refused::DecodeError(_) => BEGIN_ANEW,
             Refused::Version { .. } => "go on with that version, or begin anew without --resume",
             Refused::Differs(_) => {
                 "give the scene, the meshes, --set and --frames that it was written with, or begin anew without --resume"

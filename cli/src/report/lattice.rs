@@ -6,7 +6,7 @@ use super::output::Verdict;
 use super::run::Account;
 use super::{LinePlot, Table};
 use pliant::format::number;
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::lattice::LatticeRun;
 use pliant::springs::Neighbours;
 
@@ -57,7 +57,7 @@ pub fn account(run: &LatticeRun) -> Account {
         &run.lattice,
         run.frames.iter().map(|f| f.time_s).sum::<f64>(),
     );
-    let farthest = greatest(run.frames.iter().map(|f| f.distance));
+    let farthest = max_or_nan(run.frames.iter().map(|f| f.distance));
     let own = json!({
         "lattice": {
             "points": lattice.shape().count(),

@@ -8,7 +8,7 @@ use super::output::Verdict;
 use super::record::quoted;
 use super::run::Account;
 use super::{LinePlot, Table};
-use pliant::mesh::measures::greatest;
+use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes;
 use pliant::scene::content::Under;
 use pliant::simulation::skin::{Measured, Part, SkinRun};
@@ -71,7 +71,7 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
             .sites()
             .map(|(order, _)| order.implant.base)
             .fold(f64::INFINITY, f64::min);
-        let deep = greatest(part.frames.iter().map(|f| f.progress.depth));
+        let deep = max_or_nan(part.frames.iter().map(|f| f.progress.depth));
         let name = "bodies sink into each other by at most 0.1 % of the base";
         say(Verdict::at_most(name, deep, deepest(base)).in_unit("m"));
         if let Some(off) = volume_error(run, part) {

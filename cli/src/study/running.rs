@@ -15,7 +15,7 @@ use crate::report::folder::{Folder, FolderError};
 use crate::report::pictures::covered_stretch;
 use crate::report::record::Record;
 use crate::report::summary::{Summary, Time};
-use pliant::mesh::measures::{Aabb, greatest};
+use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::progress::Progress;
 use pliant::scene::Scene;
 use pliant::simulation::{
@@ -234,7 +234,7 @@ impl<S: Scenario + ?Sized> Observer<S> for Looks<'_> {
         if !stopped && self.frames.contains(&scenario.frame()) {
             let x: Positions = scenario.bodies().into_iter().map(|(x, _)| x).collect();
             let covered = covered_stretch(&self.scene, x.iter().map(Vec::as_slice));
-            self.stretch = greatest([self.stretch, covered]);
+            self.stretch = max_or_nan([self.stretch, covered]);
             self.positions.push((scenario.frame(), x));
         }
         ControlFlow::Continue(())

@@ -221,7 +221,7 @@ fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
             .filter(|(b, _)| b.extents().amax() <= WILD * median)
     };
     let bounds = tame().map(|(b, _)| *b).reduce(|a, b| a.union(&b))?;
-    let stretch = pliant::mesh::measures::greatest(tame().map(|(_, s)| *s));
+    let stretch = pliant::mesh::measures::max_or_nan(tame().map(|(_, s)| *s));
     let start = study.all.first()?.subject.scenario().ok()?;
     let (scene, first) = (start.description(), start.state());
     Some(Stage::new(&scene, &first, &bounds, stretch))

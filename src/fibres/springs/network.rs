@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::SpringsError;
 use crate::fibres::template::{Sampling, Template};
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::rest::{End, Relax, all_within, relax};
 use crate::solvers::sparse::{Factor, FactorError};
 use crate::springs::Neighbours;
@@ -260,7 +260,7 @@ impl Relax for Descent<'_> {
         let (force, scale) = self.net.assemble(self.x, &mut self.system);
         let each = force.chunks(3);
         let sizes = each.map(|f| Vector3::new(f[0], f[1], f[2]).norm());
-        self.left = greatest(sizes) / scale;
+        self.left = max_or_nan(sizes) / scale;
         self.force = force;
         Ok(all_within([(self.left, AT_REST)]))
     }

@@ -2,7 +2,7 @@
 
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use nalgebra::Point3;
 use rayon::prelude::*;
 

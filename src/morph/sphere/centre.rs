@@ -27,7 +27,7 @@ pub fn bounding_sphere(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
         }
     }
     // Points that rounding left outside.
-    let farthest = greatest(points.iter().map(|p| (p - centre).norm()).chain([radius]));
+    let farthest = max_or_nan(points.iter().map(|p| (p - centre).norm()).chain([radius]));
     (centre, farthest)
 }
 

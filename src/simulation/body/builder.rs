@@ -2,11 +2,11 @@
 
 use crate::constraints::distance::Distance;
 use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
+use crate::constraints::{Potential, Quadratic};
 use crate::scene::{Muscle, Scene};
 use crate::simulation::effects::MODELS;
 use crate::simulation::plan::MusclePlan;
 use crate::simulation::ready::{Fibres, Rest};
-use crate::constraints::{Potential, Quadratic};
 use crate::solvers::stiffness;
 
 /// A muscle whose effects are being built: each effect reads what the muscle is made of and adds a part.

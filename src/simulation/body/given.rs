@@ -107,7 +107,11 @@ fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize
     }
 }
 
-pub(super) fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[PosedObstacle]) -> Vec<Held> {
+pub(super) fn hold(
+    attached: &[Attached],
+    mesh: &TriangleMesh,
+    placed: &[PosedObstacle],
+) -> Vec<Held> {
     let local = |v: u32, bone: usize| placed[bone].now.inverse() * mesh.vertices[v as usize];
     attached
         .iter()

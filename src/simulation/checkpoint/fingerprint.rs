@@ -8,7 +8,7 @@ use crate::simulation::Simulation;
 use crate::simulation::body::Body;
 use crate::simulation::plan::MusclePlan;
 use crate::solvers::Held;
-use crate::state::{Corrupt, Hash, Reader, Value, Writer};
+use crate::state::{DecodeError, Hash, Reader, Value, Writer};
 
 /// Hashes of all inputs of a simulation: settings, motions, contents of meshes (not their file
 /// names), and the plan. The number of frames is not included: a run can become longer.

@@ -8,7 +8,7 @@ use super::{
     BodyDescription, BodyState, Scenario, ScenarioError, ScenarioKind, SceneDescription, Stepped,
     at_rest,
 };
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::progress::Progress;
 use crate::simulation::Plan;
 use crate::simulation::lattice::LatticeRun;
@@ -79,7 +79,7 @@ impl Scenario for LatticeRun {
 
     fn measures(&self) -> Vec<(&'static str, f64)> {
         let time_s = self.frames.iter().map(|f| f.time_s).sum::<f64>();
-        let farthest = greatest(self.frames.iter().map(|f| f.distance));
+        let farthest = max_or_nan(self.frames.iter().map(|f| f.distance));
         vec![
             ("time_s", time_s),
             ("distance_from_start_max_m", farthest),

@@ -8,7 +8,7 @@ use super::{
     BodyDescription, BodyState, Scenario, ScenarioError, ScenarioKind, SceneDescription, Stepped,
     unused,
 };
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::progress::Progress;
 use crate::simulation::{Body, Measures, Plan, Simulation};
 use crate::state::{Reader, State, Writer};
@@ -81,7 +81,7 @@ impl Scenario for Simulation {
 
     fn measures(&self) -> Vec<(&'static str, f64)> {
         let all = self.measure();
-        let most = |value: fn(&Measures) -> f64| greatest(all.iter().map(value));
+        let most = |value: fn(&Measures) -> f64| max_or_nan(all.iter().map(value));
         vec![
             ("volume_error", most(|m| m.volume_error.abs())),
             ("penetration_m", most(|m| m.penetration_m)),
@@ -95,7 +95,7 @@ impl Scenario for Simulation {
     }
 
     fn severity(&self) -> f64 {
-        greatest(self.measure().iter().map(|m| m.edge_stretch_rms))
+        max_or_nan(self.measure().iter().map(|m| m.edge_stretch_rms))
     }
 
     fn severity_name(&self) -> &'static str {

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Translation3};
 use super::{
     BodyDescription, BodyState, Scenario, ScenarioKind, SceneDescription, Stepped, at_rest, unused,
 };
-use crate::mesh::measures::greatest;
+use crate::mesh::measures::max_or_nan;
 use crate::mesh::{TriangleMesh, shapes};
 use crate::progress::Progress;
 use crate::scene::content::Under;
@@ -151,7 +151,7 @@ impl Scenario for SkinRun {
     fn measures(&self) -> Vec<(&'static str, f64)> {
         let areas = self.areas_at(self.frame());
         let volume: f64 = self.last().map(Measured::volume).sum();
-        let last = |of: fn(&Measured) -> f64| greatest(self.last().map(of));
+        let last = |of: fn(&Measured) -> f64| max_or_nan(self.last().map(of));
         vec![
             ("time_s", self.parts.iter().map(Part::time_s).sum()),
             ("area_before_m2", areas.before),
@@ -170,7 +170,7 @@ impl Scenario for SkinRun {
     }
 
     fn severity(&self) -> f64 {
-        greatest(self.last().map(|f| f.areas.stretch_max))
+        max_or_nan(self.last().map(|f| f.areas.stretch_max))
     }
 
     fn severity_name(&self) -> &'static str {

@@ -1,4 +1,4 @@
-//! Several bodies with contact, and their common time step.
+//! Several bodies that may touch, and a step of all of them.
 
 use std::sync::Arc;
 
@@ -12,41 +12,39 @@ use crate::mesh::measures::max_or_nan;
 use crate::springs::integrators::{SemiImplicitEuler, StepError};
 use crate::springs::stability;
 
-/// Several bodies with contact between them and with fixed obstacles.
+/// Several bodies that may touch each other and what stands around them.
 ///
-/// A step computes forces, velocities, impulses, positions. An impulse acts in its own step,
-/// because positions move with the new velocities (errata B05). Contacts are found at the beginning
-/// of the step, so bodies overlap by their approach in one step; thinner bodies can be passed
-/// through.
+/// A step is forces, velocities, impulses, positions: an impulse acts in its own step, because positions are moved with the
+/// new velocities (errata B05). Contacts are found where the bodies are at the begin of the step, so bodies overlap by what
+/// they move towards each other in one step; what is thinner than that may be passed through.
 pub struct Bodies {
     /// The bodies.
     pub bodies: Vec<Body>,
-    /// Fixed obstacles in space. Vertices of soft bodies stay out of them.
+    /// What stands still around them, in space. Vertices of soft bodies are kept out of it.
     pub obstacles: Vec<Arc<dyn Obstacle>>,
-    /// Restitution and friction of all contacts.
+    /// Restitution and friction of everything.
     pub response: Response,
-    /// The integrator of the two halves of the step.
+    /// What makes the two halves of the step.
     pub integrator: SemiImplicitEuler,
-    /// Greatest number of rounds over all contacts in a step: each corrects the remainder of the
-    /// others.
+    /// Rounds over all contacts a step at most: each answers what the others left.
     pub sweeps: usize,
-    /// Share of the depth by which a penetrating vertex is moved out in each step, without a
-    /// velocity, 0 to 1. Impulses alone do not remove penetration.
+    /// The share of its depth by which a vertex inside is put out each step, without a velocity, 0 to 1. Impulses alone keep
+    /// what is inside where it is.
     pub put_out: f64,
 }
 
-/// Contact counts of a step.
+/// Contacts of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Met {
-    /// Number of edges that cross triangles.
+pub struct StepContacts {
+    /// Edges that cross triangles.
     pub crossings: usize,
-    /// Number of vertices inside.
+    /// Vertices inside.
     pub inside: usize,
-    /// Greatest depth [m].
+    /// How far the deepest was [m].
     pub depth: f64,
-    /// Number of impulses.
+    /// Impulses given.
     pub impulses: usize,
-    /// Greatest remaining speed of approach at a contact [m/s].
+    /// The greatest speed of approach that was left at a contact [m/s].
     pub approach: f64,
 }
 
@@ -63,25 +61,24 @@ impl Bodies {
         }
     }
 
-    /// The longest stable step of all bodies [s], at their present shapes. Contact by impulses does
-    /// not shorten it.
+    /// The longest stable step of all bodies apart [s], at their present shapes. Contact by impulses does not shorten it.
     pub fn limit(&self) -> f64 {
         let each = |b: &Body| stability::limit(&self.integrator, &stability::stiffest(&b.system));
         self.bodies.iter().map(each).fold(f64::INFINITY, f64::min)
     }
 
-    /// Advances all bodies by `dt` [s].
+    /// Advances all by `dt` [s].
     ///
     /// # Errors
-    /// Numbers that are not finite; the bodies are then in the state of the failed step. Invalid
-    /// numbers of one body do not reach the others.
-    pub fn step(&mut self, dt: f64) -> Result<Met, StepError> {
+    /// Numbers that are not finite; the bodies are then as the failed step left them. What one body brings into the step does not
+    /// reach the others.
+    pub fn step(&mut self, dt: f64) -> Result<StepContacts, StepError> {
         self.check(dt)?;
         for body in &mut self.bodies {
             body.begin_step();
             self.integrator.velocities(&mut body.system, dt);
         }
-        // This check comes first: a point without a finite position touches nothing.
+        // Before anything is looked for: what is nowhere touches nothing.
         self.check(dt)?;
         self.bodies.iter_mut().for_each(Body::refit);
         let contacts = find(&mut self.bodies, &self.obstacles);
@@ -114,8 +111,7 @@ impl Bodies {
         first.map_or(Ok(()), |point| Err(StepError::NotFinite { point, dt }))
     }
 
-    /// The two sides of a contact, with the velocities or moves that `of` returns for the points of
-    /// a body.
+    /// The two sides of a contact, with velocities or moves that `of` gives the points of a body.
     fn parts<'a>(
         &'a self,
         t: &Contact,
@@ -143,15 +139,15 @@ impl Bodies {
         self.parts(t, |body| &self.bodies[body].system.velocity)
     }
 
-    /// Separation speed of the two sides [m/s]; negative for an approach.
-    fn approach(&self, t: &Touch) -> f64 {
+    /// Speed at which the two sides part [m/s]; negative where they approach.
+    fn approach(&self, t: &Contact) -> f64 {
         let (first, second) = self.moving(t);
         (second.at() - first.at()).dot(&t.normal)
     }
 
-    /// Applies impulses in turn, until nothing approaches or the rounds end. Returns the number of
-    /// impulses. Each is a separate collision that does not increase the energy.
-    fn respond(&mut self, touches: &[Touch]) -> usize {
+    /// Impulses in turn, until nothing approaches or the rounds are over; returns how many there were. Each is a collision of
+    /// its own, after which there is no more energy than before.
+    fn respond(&mut self, contacts: &[Contact]) -> usize {
         let mut given = 0;
         for _ in 0..self.sweeps {
             let before = given;
@@ -183,10 +179,9 @@ impl Bodies {
         given
     }
 
-    /// Moves the two sides of a penetration apart by a share of the depth, the lighter one more;
-    /// the centre of mass stays. Moves by earlier contacts count: a hundred vertices in one
-    /// triangle move it as far as one does.
-    fn put_out(&mut self, touches: &[Touch]) {
+    /// Moves the two sides of what is inside apart by a share of its depth, the lighter more; the centre of mass stays. What other
+    /// contacts have moved apart already counts: a hundred vertices in one triangle move it as far as one.
+    fn put_out(&mut self, contacts: &[Contact]) {
         let mut moves: Vec<Vec<Vector3<f64>>> = self
             .bodies
             .iter()
@@ -214,8 +209,7 @@ impl Bodies {
     }
 }
 
-/// Adds the effect of an impulse to the points of a body. It adds, since a vertex represents both
-/// ends of an edge.
+/// Adds to points of a body what an impulse at the part does to them. Added, not set: a vertex stands for both ends of an edge.
 fn add<const N: usize>(
     to: &mut [Vector3<f64>],
     points: &[u32; N],

@@ -1,4 +1,4 @@
-//! A body for contact: a spring system with a surface, or a rigid surface with a given motion.
+//! A body that may touch others: a spring system with a surface, or a rigid surface that is driven.
 
 use nalgebra::{Point3, Rotation3, Vector3};
 
@@ -10,47 +10,46 @@ use crate::mesh::measures::{Aabb, volume};
 use crate::mesh::topology::Topology;
 use crate::springs::system::{SpringSystem, SystemError};
 
-/// Error of a body.
+/// Why a body is refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum BodyError {
-    /// A triangle refers to a point that does not exist.
+    /// A triangle names a point that does not exist.
     #[error("triangle {triangle} names point {point}, but there are {count} points")]
     OutOfRange {
-        /// Index of the triangle.
+        /// The triangle.
         triangle: usize,
-        /// Index of the point.
+        /// The point.
         point: u32,
         /// Number of points.
         count: usize,
     },
-    /// A triangle refers to a point twice: an edge from a point to itself would have half of its
-    /// mobility.
+    /// A triangle names a point twice: an edge from a point to itself would be pushed with half of its mobility.
     #[error("triangle {triangle} names point {point} twice")]
     Twice {
-        /// Index of the triangle.
+        /// The triangle.
         triangle: usize,
-        /// Index of the point.
+        /// The point.
         point: u32,
     },
-    /// A soft body cannot have a given motion: its forces move it.
+    /// A soft body cannot be driven: its forces move it.
     #[error("the body is soft: its forces move it, so it cannot be driven")]
     Soft,
-    /// The body has no triangles.
+    /// Nothing that could touch.
     #[error("the body has no triangles: nothing could touch it")]
     NoTriangles,
-    /// A position is not finite, or the vertices form no valid system.
+    /// A position that is not finite, or vertices that no system can have.
     #[error(transparent)]
     System(#[from] SystemError),
 }
 
-/// Motion of a rigid body.
+/// How a rigid body moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
     /// Velocity of the centre [m/s].
     pub linear: Vector3<f64>,
     /// Angular velocity [rad/s].
     pub angular: Vector3<f64>,
-    /// Centre of rotation [m]; it moves with the body.
+    /// What it turns about [m]; it goes with the body.
     pub centre: Point3<f64>,
 }
 
@@ -64,7 +63,7 @@ impl Drive {
         }
     }
 
-    /// A translation without rotation.
+    /// Along a line, without turning.
     pub fn along(linear: Vector3<f64>) -> Self {
         Self {
             linear,
@@ -75,7 +74,7 @@ impl Drive {
 
 /// A body of [`super::Bodies`].
 pub struct Body {
-    /// Points and forces of the body.
+    /// Its points, with what acts on them.
     pub system: SpringSystem,
     drive: Option<Drive>,
     triangles: Vec<[u32; 3]>,
@@ -83,18 +82,18 @@ pub struct Body {
     points: Vec<u32>,
     hierarchy: Hierarchy,
     owners: EdgeOwners,
-    /// The triangle across each side of each triangle.
+    /// The triangle across each side.
     neighbours: Vec<[Option<u32>; 3]>,
-    /// Inside test for a closed surface with outward orientation.
+    /// Knows inside from outside, where the surface is closed and turned outward.
     closed: Option<Surface>,
 }
 
 impl Body {
-    /// Creates a spring system with the surface `triangles`. Only a closed, outward surface has an
-    /// inside; any other touches with its edges and triangles alone.
+    /// A spring system whose surface is `triangles`. Only a closed surface that is turned outward has an inside; any other is
+    /// met by its edges and triangles alone.
     ///
     /// # Errors
-    /// No triangles, a triangle with missing or equal points, or numbers that are not finite.
+    /// No triangles, or one of points that do not exist or are the same; numbers that are not finite.
     pub fn soft(system: SpringSystem, triangles: &[[u32; 3]]) -> Result<Self, BodyError> {
         let count = system.len();
         for (triangle, corners) in triangles.iter().enumerate() {
@@ -142,13 +141,13 @@ impl Body {
         })
     }
 
-    /// Creates a rigid surface. Contacts cannot move it.
+    /// A rigid surface. What touches it cannot move it.
     ///
     /// # Errors
-    /// Those of [`Self::soft`].
+    /// As [`Self::soft`].
     pub fn rigid(mesh: &TriangleMesh, drive: Drive) -> Result<Self, BodyError> {
         let count = mesh.vertices.len();
-        // The system needs masses, but they have no effect: all points are fixed.
+        // Masses are asked for, and count nowhere: all points are held.
         let mut system = SpringSystem::new(mesh.vertices.clone(), vec![1.0; count])?;
         system.pin(0..count as u32);
         Ok(Self {
@@ -157,12 +156,12 @@ impl Body {
         })
     }
 
-    /// The motion of a rigid body.
+    /// How it moves, if it is rigid.
     pub fn drive(&self) -> Option<Drive> {
         self.drive
     }
 
-    /// Sets another motion of a rigid body.
+    /// Lets a rigid body move otherwise from now on.
     ///
     /// # Errors
     /// A soft body.
@@ -186,7 +185,7 @@ impl Body {
         volume(&self.system.position, &self.triangles)
     }
 
-    /// Inverse mass of a point [1/kg]; 0 for a fixed point.
+    /// 1/m of a point [1/kg]; 0 where it is held.
     pub fn inverse_mass(&self, point: u32) -> f64 {
         if self.system.pinned()[point as usize] {
             0.0
@@ -195,7 +194,7 @@ impl Body {
         }
     }
 
-    /// Sets the points of a rigid body to its velocity.
+    /// The points of a rigid body take its velocity.
     pub(super) fn begin_step(&mut self) {
         if let Some(Drive {
             linear,
@@ -213,7 +212,7 @@ impl Body {
         }
     }
 
-    /// Moves a rigid body by a step of `dt` [s] without a change of shape.
+    /// A rigid body goes on by a step of `dt` [s], without losing its shape.
     pub(super) fn carry(&mut self, dt: f64) {
         if let Some(drive) = &mut self.drive {
             let (from, by) = (
@@ -234,12 +233,12 @@ impl Body {
         }
     }
 
-    /// Updates the boxes.
+    /// Boxes follow the points.
     pub(super) fn refit(&mut self) {
         self.hierarchy.refit(&self.system.position, &self.triangles);
     }
 
-    /// Updates the inside test.
+    /// Inside and outside follow the points.
     pub(super) fn refit_inside(&mut self) {
         self.closed
             .iter_mut()
@@ -252,12 +251,11 @@ impl Body {
         (b - a).cross(&(c - a)).try_normalize(0.0)
     }
 
-    /// Unit direction out of a closed surface at a side of a triangle: the mean of the normals of
-    /// its two triangles.
+    /// Unit direction out of a closed surface at a side of a triangle: between those of the two triangles there.
     pub(super) fn normal_of_side(&self, (triangle, side): (u32, usize)) -> Option<Vector3<f64>> {
         self.closed.as_ref()?;
         let across = self.neighbours[triangle as usize][side]?;
-        // Triangles folded onto each other define no direction.
+        // Triangles folded onto each other leave no direction but rounding's.
         (self.normal(triangle)? + self.normal(across)?).try_normalize(1e-6)
     }
 

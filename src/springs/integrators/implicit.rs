@@ -60,9 +60,9 @@ impl Equation<'_> {
             v.iter_mut().zip(&step).for_each(|(v, step)| *v += step);
             // A stiff force has more rounding than the tolerance; the positions are then as
             // accurate as possible.
-            let moves = greatest(step.iter().map(|s| s.norm())) * self.h;
-            let moved = greatest(x.iter().zip(&system.position).map(|(x, b)| (x - b).norm()));
-            let reach = greatest(x.iter().map(|x| x.coords.norm()));
+            let moves = max_or_nan(step.iter().map(|s| s.norm())) * self.h;
+            let moved = max_or_nan(x.iter().zip(&system.position).map(|(x, b)| (x - b).norm()));
+            let reach = max_or_nan(x.iter().map(|x| x.coords.norm()));
             if moves <= SOLVED * moved + ROUNDED * reach {
                 self.place(system, &v, &mut x);
                 system.position = x;

@@ -90,9 +90,16 @@ impl Integrator for Verlet {
         finite(system, dt)
     }
 
-    fn limit(&self, Mode { square, drag }: Mode) -> f64 {
+    fn limit(
+        &self,
+        Mode {
+            angular_frequency_squared,
+            damping_rate,
+        }: Mode,
+    ) -> f64 {
         // dt < (-c + sqrt(c^2 + 4 k m))/k, in a form without cancellation.
-        let root = drag + (drag * drag + 4.0 * square).sqrt();
+        let root =
+            damping_rate + (damping_rate * damping_rate + 4.0 * angular_frequency_squared).sqrt();
         if root > 0.0 {
             4.0 / root
         } else {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::{Morph, Shape};
 use crate::report::output::Picture;
-use pliant::mesh::measures::{Aabb, greatest};
+use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::morph::distortion::area_shares;
 use pliant::morph::pose::axes;
 use pliant_render::{
