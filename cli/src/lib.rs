@@ -1,9 +1,9 @@
-//! The command `pliant`: what it reads from the command line, the pages and pictures it writes, and parameter studies.
+//! The command `pliant`: its options, the pages and pictures that it writes, and parameter studies.
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
-// Units are written in brackets, [m], which rustdoc would take for links.
+// Units are in brackets, [m], which rustdoc would read as links.
 #![allow(rustdoc::broken_intra_doc_links)]
-// `!(error <= bound)` is meant: it also catches NaN.
+// `!(error <= bound)` is intentional: it also catches NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod report;
