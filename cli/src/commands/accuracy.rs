@@ -1,4 +1,4 @@
-//! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
+//! `pliant accuracy`: the cost of accuracy in a scene, and the cheapest settings for it.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// A time with its unit; a bare number is seconds.
+/// Parses a time with its unit; a bare number is in seconds.
 fn duration(text: &str) -> Result<Duration, String> {
     let text = text.trim();
     let digits = text
@@ -68,14 +68,14 @@ fn duration(text: &str) -> Result<Duration, String> {
     let seconds: f64 = number
         .parse()
         .map_err(|_| "expected a time such as 60s".to_owned())?;
-    // A week is more than anyone waits for.
+    // A week is the limit.
     if !(seconds * scale > 0.0 && seconds * scale <= 604_800.0) {
         return Err("expected more than 0 s and at most 168 h".to_owned());
     }
     Ok(Duration::from_secs_f64(seconds * scale))
 }
 
-/// Says on standard error what is being measured; Ctrl-C stops it.
+/// Prints the progress on standard error; Ctrl-C stops the study.
 pub(super) struct Said<'a> {
     pub(super) stop: &'a AtomicBool,
 }
@@ -104,7 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
 }
 
-/// Where the results go.
+/// Folder of the results.
 fn path(arguments: &Arguments, scene: &str) -> PathBuf {
     let path = arguments.out.clone();
     path.unwrap_or_else(|| {
@@ -112,7 +112,7 @@ fn path(arguments: &Arguments, scene: &str) -> PathBuf {
     })
 }
 
-/// Recommendation, table and notes to a person.
+/// Prints recommendation, table and notes for the user.
 fn tell(tables: [String; 2], notes: &[String], path: &Path) {
     let mut text = format!("{}\n{}\n", tables[0], tables[1]);
     notes
@@ -126,7 +126,7 @@ fn tell(tables: [String; 2], notes: &[String], path: &Path) {
     ));
 }
 
-/// Says what was found, and how it ends.
+/// Prints the results and returns the exit code.
 fn conclude(
     arguments: &Arguments,
     json: &serde_json::Value,
@@ -153,7 +153,8 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
     }
     let stop = stop_on_interrupt("stopping after this frame");
     if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        // Fails only if a pool exists already, or the system gives no threads: then the default
+        // pool is used.
         let _ = rayon::ThreadPoolBuilder::new()
             .num_threads(threads.into())
             .build_global();

@@ -1,4 +1,4 @@
-//! `pliant biceps`: the geometric muscle, at one length or over all that it may take.
+//! `pliant biceps`: the geometric muscle, at one length or over its whole range.
 
 use std::path::{Path, PathBuf};
 
@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-/// What is told of a muscle.
+/// Results of a muscle.
 #[derive(Serialize)]
 struct Summary {
     name: String,

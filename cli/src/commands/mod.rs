@@ -1,6 +1,7 @@
-//! The command `pliant`: one file a command.
+//! The command `pliant`: one file per command.
 //!
-//! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
+//! Exit codes: 0 done; 1 completed, but the result fails; 2 invalid usage or input; 130 after
+//! Ctrl-C.
 
 mod accuracy;
 mod areas;
@@ -31,9 +32,9 @@ use clap::{Parser, Subcommand};
 
 /// Done.
 const DONE: u8 = 0;
-/// Ran, but the result fails.
+/// Completed, but the result fails.
 const FAILED: u8 = 1;
-/// Bad usage or input.
+/// Invalid usage or input.
 const BAD_INPUT: u8 = 2;
 /// Interrupted by Ctrl-C.
 const INTERRUPTED: u8 = 130;
@@ -92,12 +93,12 @@ enum Command {
     Implant(Box<implant::Arguments>),
 }
 
-/// Reads the command line and does what it says; the result is the exit code of the process.
+/// Runs the command line. Returns the exit code of the process.
 pub fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Nobody is left to be told if the output is closed.
+            // If the output is closed, nobody can read an error.
             let _ = error.print();
             return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
         }
@@ -129,18 +130,18 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Writes to standard output; a reader who has left (`| head`) is no error.
+/// Writes to standard output; a closed pipe (`| head`) is no error.
 fn say(text: &str) {
     let mut out = std::io::stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }
 
-/// Writes a line to standard error, as far as that can be done.
+/// Writes a line to standard error, if possible.
 fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Says what was found and checked: as JSON or to a person, and on standard error what fails. The exit code.
+/// Prints the results as JSON or as text, and failures on standard error. Returns the exit code.
 fn conclude(
     summary: &impl serde::Serialize,
     text: &str,
@@ -167,7 +168,7 @@ fn conclude(
     }
 }
 
-/// Any result as JSON on standard output.
+/// Prints a result as JSON on standard output.
 fn say_json(value: &impl serde::Serialize) {
     // Structures of texts, numbers and lists always have a JSON form.
     say(&format!(
@@ -188,7 +189,8 @@ fn length_unit(name: &str) -> Result<f64, failure::Failure> {
     })
 }
 
-/// Columns of text, the first of each row to the left, wide enough for all; `right` marks those set to the right.
+/// Aligned columns of text; the first column is left-aligned, and `right` marks the right-aligned
+/// ones.
 fn columns(rows: &[Vec<String>], right: &[bool]) -> String {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let length = |cell: &String| cell.chars().count();

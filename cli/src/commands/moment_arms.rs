@@ -1,4 +1,4 @@
-//! `pliant moment-arms`: fibres of muscles through the turn of a joint.
+//! `pliant moment-arms`: fibres of muscles during the rotation of a joint.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -23,7 +23,7 @@ use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
 use pliant::scene::units::{Dimension, parse};
 use pliant::scene::{Content, builtin, overrides};
 
-/// Points of the fibres of a muscle at most: each holds a number for every vertex.
+/// Greatest number of fibre points of a muscle: each stores a number per vertex.
 const MOST_POINTS: u64 = 20_000;
 
 /// Fibres of muscles through the turn of a joint: lengths and moment arms
@@ -216,7 +216,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     };
     if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        // Fails only if a pool exists already, or the system gives no threads: then the default
+        // pool is used.
         let _ = rayon::ThreadPoolBuilder::new()
             .num_threads(threads.into())
             .build_global();

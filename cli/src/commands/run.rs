@@ -1,4 +1,4 @@
-//! `pliant run`: a scene from its start to its last frame, and the files of it.
+//! `pliant run`: runs a scene to its last frame and writes its files.
 
 mod staged;
 
@@ -23,7 +23,7 @@ use pliant::scene::{Accuracy, Content, Scene, builtin, overrides};
 use pliant::simulation::checkpoint::Fingerprint;
 use pliant::simulation::{Assets, LoadError, Plan, Simulation};
 
-/// The scene that runs when none is named.
+/// The default scene.
 const FIRST_SCENE: &str = "hip";
 
 /// Run a scene and write frames, measures, a summary and a report
@@ -92,7 +92,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping after this frame");
     if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        // Fails only if a pool exists already, or the system gives no threads: then the default
+        // pool is used.
         let _ = rayon::ThreadPoolBuilder::new()
             .num_threads(threads.into())
             .build_global();
@@ -115,7 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
 }
 
-/// A scene of muscles; `written` is its text where nobody wrote it.
+/// Runs a scene of muscles; `written` is its text if it was generated.
 fn of_muscles(
     arguments: &Arguments,
     mut scene: Scene,
@@ -186,13 +187,13 @@ fn of_muscles(
     Ok(exit_code(&summary, arguments.strict))
 }
 
-/// Share of the time of a run, as the plan estimates it, for the study that chooses solver and settings.
+/// Share of the estimated time of a run for the study that selects solver and settings.
 const STUDY_SHARE: f64 = 0.5;
 
-/// The study takes at least and at most so long [s].
+/// Least and greatest time of that study [s].
 const STUDY_LIMITS: (f64, f64) = (5.0, 60.0);
 
-/// Chooses solver and settings for an accuracy and puts them into the scene; `None` after Ctrl-C.
+/// Selects solver and settings for an accuracy and sets them in the scene; `None` after Ctrl-C.
 fn choose(
     scene: &mut Scene,
     assets: &Assets,
@@ -229,7 +230,7 @@ fn choose(
     Ok(Some(chosen))
 }
 
-/// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
+/// Runs to the last frame, to Ctrl-C, or until every muscle has stopped.
 fn advance(
     simulation: &mut Simulation,
     mut results: Results,
@@ -238,7 +239,7 @@ fn advance(
     chosen: Option<&Chosen>,
 ) -> Result<Summary, Failure> {
     let progress = Progress::new(simulation.scene.frames);
-    // What goes on has its last frame already.
+    // A resumed run has its last frame already.
     let mut writing = !results.last().is_empty() || results.frame(simulation, Duration::ZERO);
     let ended = |simulation: &Simulation| simulation.bodies.iter().all(|b| b.stopped.is_some());
     while writing
@@ -252,14 +253,14 @@ fn advance(
             results.frame(simulation, before.elapsed()) && results.checkpoint(simulation, false);
         progress.frame(simulation.frame(), before.elapsed(), results.last());
     }
-    // A writer that failed tells why when all is finished.
+    // The error of a failed writer is reported at the end.
     let _ = results.checkpoint(simulation, true);
     progress.end();
     let interrupted = stop.load(Ordering::Relaxed) && simulation.frame() < simulation.scene.frames;
     Ok(results.finish(simulation, settings, interrupted, chosen)?)
 }
 
-/// What was asked for, for the report.
+/// The options, for the report.
 fn settings(arguments: &Arguments) -> Vec<(String, String)> {
     let scene = match arguments.meshes.are_given() {
         true => "scene.toml, made of the meshes named".to_owned(),
@@ -288,13 +289,13 @@ fn settings(arguments: &Arguments) -> Vec<(String, String)> {
     all
 }
 
-/// A flag that Ctrl-C raises, which says what happens then; a second Ctrl-C ends the process at once.
+/// A flag that Ctrl-C sets, with a message; a second Ctrl-C ends the process at once.
 pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let raised = stop.clone();
     let set = ctrlc::set_handler(move || {
         if raised.swap(true, Ordering::Relaxed) {
-            // Files appear whole or not at all, so that nothing is lost but what was not begun.
+            // Files appear only when complete, so only unfinished work is lost.
             std::process::exit(INTERRUPTED.into());
         }
         warn(&format!("{what}; press Ctrl-C again to stop at once"));
@@ -317,7 +318,7 @@ fn exit_code(summary: &Summary, strict: bool) -> u8 {
     }
 }
 
-/// What a person wants to know at the end.
+/// The final message for the user.
 fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
     let Summary {
         frames,

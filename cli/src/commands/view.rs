@@ -1,4 +1,4 @@
-//! `pliant view`: a window on a running scene, or on a finished run.
+//! `pliant view`: a window with a running scene or a finished run.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use super::failure::Failure;
 #[cfg(feature = "viewer")]
 use pliant_viewer::{Pace, Recipe, Replay, Session, StartError, window};
 
-/// What is shown when nothing is named.
+/// The default scene.
 #[cfg(feature = "viewer")]
 const FIRST_SCENE: &str = "hip";
 
@@ -52,7 +52,7 @@ pub(super) struct Arguments {
     threads: Option<u16>,
 }
 
-/// A width and a height.
+/// Parses a width and a height.
 fn size(text: &str) -> Result<(u32, u32), String> {
     let parts = text.split_once(['x', 'X']);
     let parsed = parts.and_then(|(w, h)| Some((w.trim().parse().ok()?, h.trim().parse().ok()?)));
@@ -62,7 +62,7 @@ fn size(text: &str) -> Result<(u32, u32), String> {
         .ok_or_else(|| "give width and height of 200 to 16384 pixels, such as 1280x800".to_owned())
 }
 
-/// Says that this build has no window.
+/// Reports that this build has no window.
 #[cfg(not(feature = "viewer"))]
 pub(super) fn run(_: &Arguments) -> Result<u8, Failure> {
     super::warn(
@@ -72,12 +72,13 @@ pub(super) fn run(_: &Arguments) -> Result<u8, Failure> {
     Ok(super::FAILED)
 }
 
-/// Opens the window and returns when it is closed.
+/// Opens the window. Returns when it is closed.
 #[cfg(feature = "viewer")]
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     use pliant::io::names::file_name;
     if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        // Fails only if a pool exists already, or the system gives no threads: then the default
+        // pool is used.
         let _ = rayon::ThreadPoolBuilder::new()
             .num_threads(threads.into())
             .build_global();

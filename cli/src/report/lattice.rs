@@ -1,4 +1,4 @@
-//! What is told of a lattice that is dragged and let go.
+//! Results of a lattice that is displaced and released.
 
 use std::collections::HashSet;
 
@@ -17,14 +17,14 @@ use pliant::simulation::lattice::LatticeRun;
 use pliant::simulation::skin::Stepped;
 use pliant::springs::Neighbours;
 
-/// A lattice that keeps its shape comes back to this share of its spacing.
+/// Greatest distance from its start, relative to the spacing, of a lattice that keeps its shape.
 const BACK: f64 = 0.01;
 
 fn distance(run: &LatticeRun) -> f64 {
     run.frames.last().map_or(0.0, |f| f.distance)
 }
 
-/// Whether it was let go.
+/// True if the lattice was released.
 fn is_free(run: &LatticeRun) -> bool {
     run.frame() > run.scene.release
 }
@@ -133,7 +133,7 @@ impl Run for LatticeRun {
     }
 
     fn converged(&self) -> bool {
-        // Only the end of a motion has to be at rest, and only where there is time for it.
+        // Only the end of a motion must be at rest, and only if there is time for it.
         true
     }
 

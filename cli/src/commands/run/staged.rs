@@ -1,4 +1,4 @@
-//! `pliant run` of a scene without muscles.
+//! `pliant run` for a scene without muscles.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,7 +14,7 @@ use crate::report::summary::Verdict;
 use pliant::io::names::file_name;
 use pliant::scene::content::Staged;
 
-/// Says how far a run is; Ctrl-C stops it.
+/// Prints the progress; Ctrl-C stops the run.
 struct Said<'a> {
     stop: &'a AtomicBool,
     rounds: Rounds,
@@ -78,7 +78,7 @@ pub(super) fn run(
     })
 }
 
-/// What a person wants to know at the end.
+/// The final message for the user.
 fn in_words(run: &dyn Run, ended: &Ended, folder: &Path, took: Duration) -> String {
     let interrupted = if ended.interrupted {
         ", interrupted"

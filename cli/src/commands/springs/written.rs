@@ -17,13 +17,13 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::springs::SpringSystem;
 use pliant::springs::rest::StepRecord;
 
-/// Rows of the table of steps at most; a longer run keeps every second, and so on.
+/// Greatest number of rows in the table of steps; a longer run keeps every second step, and so on.
 const MOST_ROWS: usize = 20_000;
 
-/// Points of a plotted line at most.
+/// Greatest number of points of a plotted line.
 const MOST_POINTS: usize = 1000;
 
-/// What is remembered and written of a run.
+/// Stored and written data of a run.
 pub(super) struct Record {
     folder: Folder,
     name: String,
@@ -40,7 +40,7 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// Begins with the start, which it writes.
+    /// Starts with the initial state and writes it.
     pub(super) fn begin(
         folder: Folder,
         built: &Built,
@@ -67,12 +67,12 @@ impl Record {
         Ok(record)
     }
 
-    /// Time that was run [s].
+    /// Simulated time [s].
     pub(super) fn time(&self) -> f64 {
         self.time
     }
 
-    /// Takes a step; a frame that cannot be written is told at the end.
+    /// Adds a step; an error of writing a frame is reported at the end.
     pub(super) fn step(&mut self, system: &SpringSystem, step: &StepRecord) {
         self.time += step.dt;
         if step.step.is_multiple_of(self.stride) {
@@ -133,7 +133,7 @@ impl Record {
         vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
     }
 
-    /// Writes the rest.
+    /// Writes the remaining files.
     pub(super) fn finish(mut self, built: &Built, summary: &Summary) -> Result<(), Failure> {
         if let Some(error) = self.failed.take() {
             return Err(error.into());
@@ -163,7 +163,7 @@ impl Record {
         Ok(())
     }
 
-    /// Draws each state and writes it; with its caption for the report.
+    /// Draws each state and writes the picture. Returns it with its caption for the report.
     fn pictures(
         &self,
         states: &[(&str, &[Point3<f64>])],
