@@ -1,4 +1,4 @@
-//! Scenes without muscles, from their start to their last frame, and the files of them.
+//! Runs of scenes without muscles, and their files.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -22,64 +22,64 @@ use pliant::simulation::skin::{SkinRun, Stepped};
 use pliant::simulation::{LoadError, Plan};
 use pliant_render::{PictureError, to_gif};
 
-/// What a run has to tell.
+/// Results of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
-    /// Measures of studies, by name.
+    /// Measures for studies, by name.
     pub numbers: Vec<(&'static str, f64)>,
-    /// What `summary.json` has besides what all runs have.
+    /// Entries of `summary.json` besides the common ones.
     pub summary: Map<String, Value>,
-    /// Whether each promise is kept.
+    /// Results of the checks.
     pub verdicts: Vec<Verdict>,
-    /// For the page.
+    /// Tables of the page.
     pub tables: Vec<Table>,
-    /// For the page.
+    /// Plots of the page.
     pub plots: Vec<LinePlot>,
-    /// `measures.csv`.
+    /// Content of `measures.csv`.
     pub measures: String,
-    /// For people.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
-/// A scene without muscles that runs frame after frame.
+/// A running scene without muscles.
 pub trait Run {
     /// Name of the scene.
     fn name(&self) -> &str;
-    /// Frames that the scene asks for.
+    /// Number of frames of the scene.
     fn frames(&self) -> usize;
-    /// The last frame that was computed; 0 is the start.
+    /// The last computed frame; 0 is the start.
     fn frame(&self) -> usize;
-    /// What runs.
+    /// The effects that run.
     fn plan(&self) -> &Plan;
-    /// Who is on its pictures.
+    /// The bodies on the pictures.
     fn cast(&self) -> Cast;
-    /// Where everything is in the last frame.
+    /// State of the last frame.
     fn snapshot(&self) -> Snapshot;
     /// Poses of the bones of the cast at a frame.
     fn poses(&self, frame: usize) -> Vec<Isometry3<f64>>;
-    /// How far the last frame is stretched, to find the worst.
+    /// Stretch of the last frame, to find the worst frame.
     fn stretch(&self) -> f64;
-    /// What [`Run::stretch`] is, in words.
+    /// Description of [`Run::stretch`].
     fn worst(&self) -> &'static str;
-    /// Computes the next frame; `watch` hears how far it is and says whether to go on.
+    /// Computes the next frame; `watch` receives the progress and stops it by returning false.
     fn step(&mut self, watch: &mut dyn FnMut(&str) -> bool) -> Stepped;
-    /// Whether every frame that had to be at rest was.
+    /// True if every frame that must be at rest was.
     fn converged(&self) -> bool;
-    /// What there is to tell after the last frame.
+    /// The results after the last frame.
     fn account(&self) -> Account;
     /// Pictures besides those of the first, the worst and the last frame.
     ///
     /// # Errors
-    /// One that cannot be encoded.
+    /// A picture that cannot be encoded.
     fn pictures(&self) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
         Ok(Vec::new())
     }
 }
 
-/// Makes a scene without muscles ready to run.
+/// Prepares a scene without muscles.
 ///
 /// # Errors
-/// What keeps it from running.
+/// The scene cannot run.
 pub fn ready(scene: &Staged) -> Result<Box<dyn Run>, LoadError> {
     Ok(match scene {
         Staged::Skin(scene) => Box::new(SkinRun::new((**scene).clone())?),
@@ -87,44 +87,45 @@ pub fn ready(scene: &Staged) -> Result<Box<dyn Run>, LoadError> {
     })
 }
 
-/// Hears how far a run is, and may end it.
+/// Receives the progress of a run, and can stop it.
 pub trait Listener {
-    /// A frame is on its way; whether to go on.
+    /// A frame is in progress; false stops the run.
     fn part(&mut self, text: &str) -> bool;
-    /// A frame is there.
+    /// A frame is complete.
     fn frame(&mut self, frame: usize, took: Duration);
-    /// Whether to stop now.
+    /// True to stop now.
     fn stops(&self) -> bool;
 }
 
-/// How a run ended.
+/// End of a run.
 #[derive(Clone, Debug)]
 pub struct Ended {
     /// `summary.json`.
     pub summary: Value,
-    /// Whether it was interrupted.
+    /// True if the run was interrupted.
     pub interrupted: bool,
-    /// Whether every frame that had to be at rest was, and none failed.
+    /// True if every frame that must be at rest was, and none failed.
     pub converged: bool,
-    /// What there is to tell.
+    /// The results.
     pub account: Account,
 }
 
-/// What is asked for besides the scene.
+/// Options of a run besides the scene.
 #[derive(Clone, Debug)]
 pub struct Wanted {
-    /// Whether an animation is written.
+    /// True for an animation.
     pub animate: bool,
-    /// When the run began, with all its reading.
+    /// Start of the run including all reading.
     pub begun: Instant,
     /// Names and values for the report.
     pub settings: Vec<(String, String)>,
 }
 
-/// Runs to the last frame, to Ctrl-C, or to a frame that cannot be computed, and writes everything, `summary.json` last.
+/// Runs to the last frame, to Ctrl-C, or to a frame that fails, and writes everything,
+/// `summary.json` last.
 ///
 /// # Errors
-/// What kept a file from being written.
+/// An error of writing.
 pub fn perform(
     run: &mut dyn Run,
     folder: Folder,
@@ -143,7 +144,7 @@ pub fn perform(
     let mut interrupted = false;
     while writing && run.frame() < run.frames() {
         let before = Instant::now();
-        // A lattice looks up between frames only.
+        // A lattice checks between frames only.
         interrupted = listener.stops() || {
             match run.step(&mut |text| listener.part(text) && !listener.stops()) {
                 Stepped::Done => false,
@@ -180,7 +181,7 @@ pub fn perform(
         let gif = to_gif(&pictures, seconds).map_err(|e| encoded(&name, e))?;
         folder.write(&name, |w| w.write_all(&gif))?;
     }
-    // What was not run to its end has not come to rest there.
+    // An incomplete run has not come to rest.
     let converged = run.converged() && told.failed.is_none() && !interrupted;
     let time = json!({
         "total_s": wanted.begun.elapsed().as_secs_f64(),
@@ -205,7 +206,7 @@ pub fn perform(
     })
 }
 
-/// What is gathered on the way.
+/// Data accumulated during the run.
 struct Told {
     shots: Shots,
     /// Wall time of each frame [s].
@@ -214,7 +215,7 @@ struct Told {
 }
 
 impl Told {
-    /// Hands the last frame to the writer; false once it has failed.
+    /// Passes the last frame to the writer; returns false after an error.
     fn show(&mut self, run: &dyn Run, writer: &FrameWriter) -> bool {
         let snapshot = Arc::new(run.snapshot());
         self.shots.add_stretched(&snapshot, run.stretch());
@@ -268,7 +269,7 @@ impl Told {
     }
 }
 
-/// The verdict of a frame that could not be computed.
+/// The verdict of a frame that failed.
 fn failed(why: Option<&str>) -> Option<Verdict> {
     let promise = "every frame can be computed".to_owned();
     why.map(|why| Verdict {

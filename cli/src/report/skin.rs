@@ -1,4 +1,4 @@
-//! What is told of skin over implants, or over a ball, frame after frame.
+//! Measures and report of a skin simulation, per frame.
 
 use std::collections::HashSet;
 
@@ -26,13 +26,13 @@ use pliant::skin::settle::deepest;
 use pliant::skin::{Areas, Interval};
 use pliant_render::PictureError;
 
-/// Frames of an equilibrium have no rate of their own; pictures are shown at this one [1/s].
+/// Equilibria have no frame rate; pictures use this one [1/s].
 const RATE: f64 = 4.0;
 
-/// An implant keeps its volume to this share.
+/// Greatest relative volume error of an implant.
 const VOLUME_HELD: f64 = 1e-6;
 
-/// A surface as it is drawn, edges by their strain.
+/// A surface for pictures, with its edges coloured by their strain.
 pub(super) fn actor(
     name: &str,
     rest: TriangleMesh,
@@ -75,7 +75,7 @@ fn insertion(run: &SkinRun) -> Insertion<'_> {
             .iter()
             .filter_map(|p| Some((p.ready.clone(), p.now.clone()?)))
             .collect(),
-        // A ball is in place of the first implant.
+        // A ball counts as the first implant.
         numbers: run
             .parts
             .iter()
@@ -137,7 +137,7 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
     all
 }
 
-/// Greatest departure of implants' volumes from what they are filled with, as a share of it; `None` for a ball.
+/// Greatest relative departure of the implants' volumes from their fillings; `None` for a ball.
 fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
     let Under::Implants(all) = &run.scene.under else {
         return None;
@@ -149,7 +149,7 @@ fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
     Some(greatest(part.frames.iter().map(of_frame)))
 }
 
-/// Areas of all parts together in a frame.
+/// Total areas of all parts in a frame.
 fn areas(run: &SkinRun, frame: usize) -> Areas {
     run.parts.iter().map(|part| areas_at(part, frame)).sum()
 }
@@ -293,13 +293,13 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
     ]
 }
 
-/// Areas of a part in a frame; those before in frame 0.
+/// Areas of a part in a frame; in frame 0 the initial ones.
 fn areas_at(part: &Part, frame: usize) -> Areas {
     part.frames.iter().find(|f| f.frame == frame).map_or_else(
         || {
             let layers = &part.ready.layers;
             let areas = Areas::of(layers, &layers.rest);
-            // Nothing was put in: nothing remains and nothing grows.
+            // Without an implant nothing remains and nothing grows.
             let none = Interval {
                 low: areas.before,
                 high: areas.before,
@@ -320,7 +320,7 @@ fn volume_of(frame: &Measured) -> f64 {
     frame.shells.iter().map(|(volume, _)| volume).sum::<f64>() + 0.0
 }
 
-/// The entries of a part's implants, one of a ball, each with its number among all implants.
+/// The entries of a part's implants, one for a ball, each with its index among all implants.
 fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
     let ready = &part.ready;
     let sites: Vec<(&Order, &Isometry3<f64>)> = ready.sites().collect();
@@ -348,7 +348,7 @@ fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
     each.collect()
 }
 
-/// What the frames of an implant are.
+/// The entries of the frames of an implant.
 fn json_of_frames(part: &Part, shell: usize) -> Value {
     let of = |f: &Measured| {
         f.shells
@@ -371,7 +371,7 @@ fn json_of_frames(part: &Part, shell: usize) -> Value {
     json!({"implant_volume_m3": last.0, "pressure_pa": last.1, "frames": each.collect::<Vec<_>>()})
 }
 
-/// What implants that share skin have in common.
+/// The common entries of implants that share skin.
 fn json_of_region(part: &Part) -> Value {
     let (ready, last) = (&part.ready, part.frames.last());
     let areas = areas_at(part, last.map_or(0, |f| f.frame));
@@ -432,7 +432,7 @@ impl Run for SkinRun {
                     vertices: at.to_vec(),
                     ..shell.clone()
                 };
-                // What is stretched is the skin; a pocket has no edges at rest.
+                // The stretch is that of the skin; a pocket has no edges at rest.
                 muscles.push(Actor {
                     edges: Vec::new(),
                     ..actor(self.name_of(*k), rest, Vec::new(), &mut used)
@@ -542,7 +542,7 @@ impl Run for SkinRun {
     }
 
     fn pictures(&self) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
-        // A ball bears the skin as an obstacle does.
+        // A ball supports the skin like an obstacle.
         let mut below = self.obstacles.clone();
         if let (Under::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
             let at = self.ball_at(ball, part, SkinRun::frame(self));

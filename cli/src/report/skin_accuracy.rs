@@ -1,4 +1,4 @@
-//! What accuracy costs for skin over implants, as a table, a CSV, a plot, JSON and a page.
+//! The cost of accuracy for skin over implants, as a table, a CSV, a plot, JSON and a page.
 
 use std::io::Write;
 
@@ -9,7 +9,7 @@ use super::{LinePlot, Report, Table};
 use pliant::accuracy::skin::{SkinRow, SkinStudy, name};
 use pliant::skin::settle::Method;
 
-/// As `--json` gives it.
+/// The JSON of `--json`.
 pub fn to_json(study: &SkinStudy) -> Value {
     let recommended = study.recommended().into_iter().map(|(target, row)| {
         let row = row.map(|k| &study.rows[k]);
@@ -89,7 +89,7 @@ pub fn table(study: &SkinStudy) -> Table {
     table
 }
 
-/// The fastest for each target.
+/// The fastest row for each target.
 pub fn recommendation(study: &SkinStudy) -> Table {
     let mut table = Table::new(
         "Recommended",
@@ -115,7 +115,7 @@ pub fn recommendation(study: &SkinStudy) -> Table {
     table
 }
 
-/// What a reader should know.
+/// Notes for the reader.
 pub fn notes(study: &SkinStudy) -> Vec<String> {
     let reference = &study.reference;
     let mut notes = vec![format!(
@@ -184,7 +184,7 @@ fn csv(study: &SkinStudy) -> String {
     text
 }
 
-/// Writes table, plot and page into the folder.
+/// Writes table, plot and page to the folder.
 ///
 /// # Errors
 /// A file that cannot be written.

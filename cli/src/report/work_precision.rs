@@ -1,4 +1,4 @@
-//! What accuracy costs, as a table, a CSV, a plot, JSON and a page.
+//! The cost of accuracy, as a table, a CSV, a plot, JSON and a page.
 
 use std::io::{self, Write};
 
@@ -11,7 +11,7 @@ use super::table::Table;
 use pliant::accuracy::candidates::HIERARCHY;
 use pliant::accuracy::{Question, Row, Status, Study};
 
-/// The solvers in the order of the key, as people call them.
+/// The solvers in the order of the key, with their displayed names.
 const SOLVERS: [(&str, &str); 3] = [
     ("xpbd", "small-step XPBD"),
     ("implicit_euler", "implicit Euler"),
@@ -23,7 +23,7 @@ const COLUMNS: &str = "scene,vertices,frames,moved_m,solver,substeps,iterations,
                        time_max_s,repeats,rms_error_m,rms_error_share,max_error_m,worst_frame,model_error_m,\
                        volume_error,penetration_m,fibre_length_error_m,residual_m,error_estimate_m,solver_iterations,on_front";
 
-/// A number for JSON: one that is not finite has none.
+/// A number for JSON; `null` if it is not finite.
 fn number(value: f64) -> Value {
     if value.is_finite() {
         json!(value)
@@ -32,12 +32,12 @@ fn number(value: f64) -> Value {
     }
 }
 
-/// Whether an error of a row can be told from the reference's own uncertainty.
+/// True if the error of a row exceeds the reference's uncertainty.
 pub fn is_certain(row: &Row) -> bool {
     row.error.rms >= row.uncertainty_m
 }
 
-/// As `--json` gives it.
+/// The JSON of `--json`.
 pub fn to_json(study: &Study) -> Value {
     let rows: Vec<Value> = study.rows.iter().map(|row| row_json(study, row)).collect();
     let recommended = study.recommended.iter().map(|r| {
@@ -104,7 +104,7 @@ fn row_json(study: &Study, row: &Row) -> Value {
 /// Writes `work_precision.csv`.
 ///
 /// # Errors
-/// What the writer says.
+/// Errors of the writer.
 pub fn write_csv(study: &Study, w: &mut impl Write) -> io::Result<()> {
     writeln!(w, "{COLUMNS}")?;
     let name = study.scene.replace(['"', ',', '\n'], "_");
@@ -161,7 +161,7 @@ pub fn write_csv(study: &Study, w: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-/// Error against time, a colour a solver, with the front.
+/// Error over time, one colour per solver, with the Pareto front.
 pub fn plot(study: &Study) -> LinePlot {
     let total = |row: &Row| (row.error.rms + row.model_error_m) * 1e3;
     let fine = |row: &&Row| row.status != Status::Diverged;
@@ -291,7 +291,7 @@ pub fn table(study: &Study) -> Table {
     table
 }
 
-/// What has to be known to read the numbers.
+/// Notes on the meaning of the numbers.
 pub fn notes(study: &Study) -> Vec<String> {
     let r = &study.reference;
     let mut notes = vec![
@@ -332,7 +332,7 @@ pub fn notes(study: &Study) -> Vec<String> {
         ));
     }
     if !study.left_out.is_empty() {
-        // Variants in lanes, threads and ways to look for contact are told once.
+        // Variants of lanes, threads and methods of contact search appear once.
         let mut names: Vec<String> = Vec::new();
         for name in study
             .left_out
@@ -354,7 +354,7 @@ pub fn notes(study: &Study) -> Vec<String> {
 /// Writes `work_precision.csv`, `work_precision.svg`, `summary.json` and `report.html`.
 ///
 /// # Errors
-/// What the folder says.
+/// Errors of the folder.
 pub fn write(study: &Study, folder: &Folder) -> Result<(), FolderError> {
     folder.write("work_precision.csv", |w| write_csv(study, w))?;
     folder.write("work_precision.svg", |w| {

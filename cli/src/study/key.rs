@@ -1,4 +1,4 @@
-//! Everything that the result of a run depends on, as a text to compare and a name of a file.
+//! All inputs of a run's result, as a text for comparison and as a file name.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 use pliant::scene::content::{Content, SkinSurface, Staged};
 use pliant::scene::{Area, Scene, Source};
 
-/// Layout of the stored results: another number makes all old ones unfit.
+/// Version of the layout of stored results: another number invalidates all old ones.
 const LAYOUT: u32 = 1;
 
-/// Fowler, Noll and Vo's hash of 128 bits (FNV-1a): no protection against intent, but chance will not meet it.
+/// The FNV-1a hash with 128 bits: no protection against intent, but accidental collisions are
+/// practically impossible.
 #[derive(Clone, Copy)]
 struct Hash(u128);
 
@@ -51,13 +52,15 @@ impl Contents {
     }
 }
 
-/// Scene in SI units with every change, contents of its files, this program, and the frames whose positions are kept.
+/// The scene in SI units with every change, the contents of its files, this program, and the stored
+/// frames.
 ///
 /// # Errors
 /// A file that cannot be read.
 pub fn key_of(content: &Content, frames: &[usize], contents: &mut Contents) -> io::Result<String> {
     let mut key = format!("layout {LAYOUT}\npliant {}", env!("CARGO_PKG_VERSION"));
-    // A build of the same version may compute otherwise; where the program cannot be read the version has to do.
+    // Another build of the same version can compute other results; if the program cannot be read,
+    // the version is used.
     if let Ok(program) = std::env::current_exe().and_then(|path| contents.of(&path)) {
         let _ = write!(key, " {program:032x}");
     }
@@ -65,7 +68,7 @@ pub fn key_of(content: &Content, frames: &[usize], contents: &mut Contents) -> i
     for path in files(content) {
         let _ = write!(key, "\nfile {} {:032x}", path.display(), contents.of(path)?);
     }
-    // Numbers in it are the shortest texts that read back to the same bits.
+    // Numbers are the shortest texts that read back to the same bits.
     let _ = write!(key, "\n{content:?}");
     Ok(key)
 }

@@ -1,4 +1,4 @@
-//! Runs the combinations of a study, many at once, each on threads of its own.
+//! Runs the combinations of a study, several at once, each with its own threads.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -22,17 +22,17 @@ use pliant::simulation::skin::Stepped;
 use pliant::simulation::{Body, Plan, Simulation};
 use pliant::solvers::DIVERGENCE;
 
-/// Hears how far a study is, from several threads, and may end it.
+/// Receives the progress of a study from several threads, and can stop it.
 pub trait Watch: Sync {
-    /// A combination took another frame.
+    /// A combination has computed another frame.
     fn frame(&self);
-    /// A combination is finished.
+    /// A combination is complete.
     fn done(&self, combination: &Combination, outcome: &Outcome);
-    /// Whether to stop now.
+    /// True to stop now.
     fn stops(&self) -> bool;
 }
 
-/// Combinations that have no result in the folder yet, equal ones once; all without a folder.
+/// Combinations without a result in the folder, equal ones once; all without a folder.
 pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
     let mut seen = HashSet::new();
     let kept = |c: &Combination| {
@@ -48,11 +48,11 @@ pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
         .collect()
 }
 
-/// Runs the combinations `wanted`, as many at once as there are `threads`, and writes each result as it is finished.
-/// One that is ended by `watch` leaves none. The results do not depend on the number of threads.
+/// Runs the combinations `wanted`, `threads` of them at once, and writes each complete result. A
+/// run that `watch` stops leaves none. The results do not depend on the number of threads.
 ///
 /// # Errors
-/// A result that cannot be written; the others are then ended.
+/// A result that cannot be written; the other runs then stop.
 pub fn execute(
     study: &Combinations,
     wanted: &[usize],
@@ -60,7 +60,7 @@ pub fn execute(
     threads: usize,
     watch: &impl Watch,
 ) -> Result<(), FolderError> {
-    // Foreign files in the way are told of before hours are spent.
+    // Foreign files in the way are reported before hours of computation.
     wanted
         .iter()
         .try_for_each(|&k| folder.claim(&study.all[k].file()).map(|_| ()))?;
@@ -70,8 +70,8 @@ pub fn execute(
     std::thread::scope(|scope| {
         for _ in 0..workers {
             scope.spawn(|| {
-                // A pool of its own: a run that waits in a common one would take another run's work into its time.
-                // Where the system gives no threads, those at hand serve.
+                // A separate pool: a run that waits in a common one would include another run's
+                // work in its time. If the system gives no threads, the present ones are used.
                 let pool = rayon::ThreadPoolBuilder::new()
                     .num_threads((threads / workers).max(1))
                     .build()
@@ -106,7 +106,7 @@ pub fn execute(
         })
 }
 
-/// Runs one combination; `None` where it was ended before its last frame.
+/// Runs one combination; `None` if it was stopped before its last frame.
 fn simulate(
     combination: &Combination,
     frames: &[usize],
@@ -119,7 +119,7 @@ fn simulate(
     };
     let begun = Instant::now();
     let plan = Plan::new(&scene, &assets);
-    // It was built once before; only a file that changed since could keep it from being built, and files are not read.
+    // The simulation was created once before, and files are not read again, so this cannot fail.
     let mut simulation = Simulation::with(scene, assets, plan).ok()?;
     let cast = Cast::of(&simulation);
     let prepared = begun.elapsed();
@@ -176,7 +176,7 @@ fn simulate(
     })
 }
 
-/// As [`simulate`], of a scene without muscles.
+/// The same as [`simulate`] for a scene without muscles.
 fn perform(
     scene: &Staged,
     frames: &[usize],
@@ -235,7 +235,7 @@ fn bounds(positions: &[(usize, Positions)]) -> Option<[Point3<f64>; 2]> {
         .map(|b| [b.min, b.max])
 }
 
-/// Gathers positions at the frames looked at.
+/// Collects positions at the compared frames.
 struct Looks<'a> {
     frames: &'a [usize],
     cast: &'a Cast,
@@ -245,7 +245,7 @@ struct Looks<'a> {
 
 impl Looks<'_> {
     fn look(&mut self, simulation: &Simulation) {
-        // What was stopped stays where it was: no picture of the scene at that frame.
+        // A stopped body stays in place and gives no picture at that frame.
         let stopped = simulation.bodies.iter().any(|b| b.stopped.is_some());
         if stopped || !self.frames.contains(&simulation.frame()) {
             return;
