@@ -1,6 +1,6 @@
-//! Three ways to decompose a muscle into fibres, and a change of length of the geometric muscle.
+//! Three methods to decompose a muscle into fibres, and a change of length of the geometric muscle.
 //!
-//! A spindle is always there; real muscles only with the measured data.
+//! A spindle is always measured; real muscles only with the measured data.
 
 mod measured;
 
@@ -116,7 +116,8 @@ const MUSCLES: &[[&str; 3]] = &[
     ["muscles/Psoas_major.r", "Sacrum,0.03", "Femur.r,0.01"],
 ];
 
-/// A spindle of about 1,000 vertices, 0.2 m long and up to 40 mm thick, its flat ends the areas.
+/// A spindle of about 1,000 vertices, 0.2 m long and up to 40 mm thick; the areas are its flat
+/// ends.
 fn spindle() -> (TriangleMesh, Attachment) {
     let mut mesh = tube(0.02, 0.2, 24);
     let at = |sign: f64, mesh: &TriangleMesh| -> Vec<u32> {
@@ -147,7 +148,7 @@ const METHODS: [&str; 3] = ["harmonic", "springs", "slices"];
 /// Fibres and Jacobians.
 type Made = (Vec<Vec<Point3<f64>>>, Vec<f64>);
 
-/// 100 fibres of 15 points by a method, with the Jacobians where they are asked for, or why there are none.
+/// 100 fibres of 15 points by a method, with the Jacobians if requested, or the error.
 fn decompose(
     method: &str,
     muscle: &TriangleMesh,
@@ -209,7 +210,7 @@ fn row(name: &str, muscle: &TriangleMesh, areas: &Attachment) {
         let time = begin.elapsed().as_secs_f64() * 1e3;
         match made.and_then(|_| quality(method, muscle, areas)) {
             Err(why) => {
-                // What is in the way, without what comes before and after it in the message.
+                // The cause of the error, without the rest of the message.
                 let short = why
                     .split(" sphere: ")
                     .last()
@@ -239,7 +240,7 @@ fn folder() -> Option<PathBuf> {
     Some(root.join("body")).filter(|body| body.is_dir())
 }
 
-/// All muscles of the table; the number of those that are there.
+/// All muscles of the table. Returns the number of available ones.
 fn muscles() -> usize {
     let Some(body) = folder() else {
         println!(
@@ -337,7 +338,7 @@ fn geometric(c: &mut Criterion) {
         group.bench_function(format!("50 nodes, a change of length, {name}"), |b| {
             b.iter(|| {
                 step = step.wrapping_add(1);
-                // Within 20 % of the rest length, never the same twice in a row.
+                // Within 20 % of the rest length, never the same length twice in a row.
                 let length = 0.3 * (0.8 + 0.4 * (step * 7919 % 1000) as f64 / 1000.0);
                 chain.set_length(black_box(length)).expect("a length");
             });

@@ -14,7 +14,7 @@ use pliant::mesh::winding::{WindingTree, winding_number_direct};
 use pliant::mesh::{Health, TriangleMesh};
 use pliant::testing::Draw;
 
-/// A sphere with holes, turned triangles, repetitions and triangles with vertices of their own.
+/// A sphere with holes, reversed triangles, duplicates and triangles with their own vertices.
 fn dirty() -> TriangleMesh {
     let mut mesh = icosphere(1.0, 5);
     let count = mesh.triangles.len();
@@ -33,7 +33,7 @@ fn dirty() -> TriangleMesh {
     mesh
 }
 
-/// Points near the surface, where an inside test is asked for.
+/// Query points near the surface for the inside test.
 fn points(count: usize) -> Vec<Point3<f64>> {
     let mut draw = Draw::new(3);
     (0..count)

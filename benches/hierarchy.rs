@@ -1,7 +1,8 @@
-//! The hierarchy of spring systems beside parry's, on the same triangles in one run: building, following a motion, and all
-//! pairs of triangles whose boxes meet. `--test` tries it out on small meshes.
+//! The hierarchy of spring systems compared with parry's, on the same triangles in one run:
+//! construction, refit for a motion, and all pairs of triangles whose boxes intersect. `--test`
+//! uses small meshes.
 //!
-//! Both are given the same boxes, and find the same pairs, or nothing is reported.
+//! Both get the same boxes and must find the same pairs; otherwise nothing is reported.
 
 mod measured;
 
@@ -18,7 +19,8 @@ use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::icosphere;
 use pliant::springs::contact::Hierarchy;
 
-/// The source's sheet: an n by n grid of side 1, of which the triangles with a vertex within 0.375 of the middle are kept.
+/// The source's sheet: an n by n grid of side 1, reduced to the triangles with a vertex within
+/// 0.375 of the centre.
 fn region(n: u32) -> TriangleMesh {
     let at = |i: u32| f64::from(i) / f64::from(n) - 0.5;
     let vertices: Vec<_> = (0..=n)
@@ -64,13 +66,13 @@ impl Peer {
         }
     }
 
-    /// Its boxes follow, and its nodes are put in order.
+    /// Updates the boxes, and sorts the nodes.
     fn refit(&mut self, mesh: &TriangleMesh) {
         self.update(mesh);
         self.bvh.refit(&mut self.workspace);
     }
 
-    /// Its boxes follow where its nodes are.
+    /// Updates the boxes without sorting the nodes.
     fn refit_in_place(&mut self, mesh: &TriangleMesh) {
         self.update(mesh);
         self.bvh.refit_without_opt();
@@ -90,7 +92,7 @@ fn pairs(one: &Hierarchy, other: &Hierarchy) -> Vec<[u32; 2]> {
     found
 }
 
-/// Two surfaces that meet, the first of which waves.
+/// Two surfaces that intersect; the first one oscillates.
 struct Task {
     name: &'static str,
     frames: Vec<TriangleMesh>,
@@ -117,7 +119,7 @@ impl Task {
         }
     }
 
-    /// A row of the table and its numbers: ours beside parry's.
+    /// Prints a row of the table with its numbers: ours and parry's.
     fn report(&self, what: &str, times: &[Vec<f64>; 2]) {
         compare(
             &format!("hierarchy.{}.{}", key(self.name), key(what)),
@@ -231,11 +233,11 @@ fn tasks() -> Vec<Task> {
     ]
 }
 
-/// Ours beside parry's, in turn.
+/// Ours and parry's, alternately.
 fn beside(_: &mut Criterion) {
     note("hierarchy.peer", "parry3d-f64 0.31");
     for task in tasks() {
-        // As many rounds as a second or two allows.
+        // The number of rounds in one or two seconds.
         let frame = &task.frames[0];
         let once = seconds(|| drop(black_box(Peer::new(frame))));
         task.measure(if quick() {
@@ -246,7 +248,7 @@ fn beside(_: &mut Criterion) {
     }
 }
 
-/// A step of the coarse sheet as criterion sees it: boxes follow, pairs are found.
+/// A step of the coarse sheet for criterion: refit, then all pairs.
 fn follow(c: &mut Criterion) {
     let mut group = c.benchmark_group("hierarchy");
     group

@@ -1,9 +1,10 @@
-//! The folder `tests/bad`: files that are wrong or odd, each with the exact text of what is said about it.
+//! The folder `tests/bad`: invalid or unusual files, each with the exact text of its messages.
 //!
-//! `NNN_name.ext` has the number of its row in the catalogue of bad inputs. Beside it stands at least one expectation:
-//! `NNN_name.err`, the error in one line; `NNN_name.ok`, what was read, with its warnings; `NNN_name.check`, what is wrong with
-//! the mesh, and what a repair changes. A file that is too large or too odd
-//! to be kept is made by `NNN_name.gen`. Files that others refer to stand in `tests/bad/meshes`.
+//! `NNN_name.ext` has the number of its row in the catalogue of bad inputs. At least one
+//! expectation is beside it: `NNN_name.err`, the error in one line; `NNN_name.ok`, the content with
+//! warnings; `NNN_name.check`, the defects of the mesh and the changes by a repair. `NNN_name.gen`
+//! generates a file that is too large or too unusual to be stored. Referenced files are in
+//! `tests/bad/meshes`.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -14,13 +15,13 @@ use pliant::mesh::{Health, repair};
 use pliant::scene::builtin;
 use pliant::simulation::Simulation;
 
-/// Looks at a file, and says what there is to say.
+/// Examines a file and returns the text.
 type Look = fn(&Path) -> String;
 
-/// What may stand beside a fixture, and what it is compared with: one line of this list for each kind.
+/// The kinds of expectations with their functions, one line each.
 const EXPECTATIONS: [(&str, Look); 3] = [("err", refused), ("ok", accepted), ("check", examined)];
 
-/// What is said of a file that must be refused.
+/// The text for a file that must be rejected.
 fn refused(path: &Path) -> String {
     match look(path) {
         Ok(read) => format!("not refused: {read}"),
@@ -28,12 +29,12 @@ fn refused(path: &Path) -> String {
     }
 }
 
-/// What is read from a file that must be accepted.
+/// The content of a file that must be accepted.
 fn accepted(path: &Path) -> String {
     look(path).unwrap_or_else(|error| format!("not accepted: {error}"))
 }
 
-/// What is read, or the error in one line.
+/// The content, or the error in one line.
 fn look(path: &Path) -> Result<String, String> {
     if path.extension().is_some_and(|e| e == "toml") {
         let scene = builtin::load(&path.display().to_string(), &[]).map_err(|e| e.terse())?;
@@ -59,7 +60,7 @@ fn look(path: &Path) -> Result<String, String> {
     Ok(text)
 }
 
-/// What is wrong with a mesh, what a repair changes, and what is wrong then.
+/// The defects of a mesh, the changes by a repair, and the remaining defects.
 fn examined(path: &Path) -> String {
     let file = match io::read(path) {
         Ok(file) => file,
@@ -106,7 +107,7 @@ fn examined(path: &Path) -> String {
     text
 }
 
-/// A hash of every bit of a mesh (FNV-1a), so that two files that must give the same mesh can be compared by eye.
+/// A hash of every bit of a mesh (FNV-1a), to compare two files that must give the same mesh.
 fn fingerprint(file: &io::MeshFile) -> u64 {
     let coordinates = file
         .mesh
@@ -126,15 +127,16 @@ fn fingerprint(file: &io::MeshFile) -> u64 {
     })
 }
 
-/// A file that a generator describes, and its length if it is longer than its bytes.
+/// A generated file, and its length if that exceeds its bytes.
 struct Made {
     extension: String,
     bytes: Vec<u8>,
     sparse: Option<u64>,
 }
 
-/// Follows the instructions of a generator, one a line: `as EXT`, `text ...` with `\n`, `\r`, `\t`, `\\` and `\xNN`,
-/// `hex NN ...`, `times N` before one of these two, `sparse N`; a line that begins with `#` says why.
+/// Follows the instructions of a generator, one per line: `as EXT`, `text ...` with `\n`, `\r`,
+/// `\t`, `\\` and `\xNN`, `hex NN ...`, `times N` before one of these two, `sparse N`; a line that
+/// begins with `#` is a comment.
 fn generate(instructions: &str) -> Result<Made, String> {
     let mut made = Made {
         extension: String::new(),
@@ -200,7 +202,7 @@ fn unescaped(text: &str) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// Writes the file of a generator; it goes when it was looked at.
+/// Writes the file of a generator; it is removed after the examination.
 fn make(generator: &Path, stem: &str) -> Result<PathBuf, String> {
     let text = fs::read_to_string(generator).map_err(|e| e.to_string())?;
     let made = generate(&text)?;
@@ -221,7 +223,7 @@ fn make(generator: &Path, stem: &str) -> Result<PathBuf, String> {
     Ok(path)
 }
 
-/// The fixtures of a folder by stem, and the expectations beside them.
+/// The fixtures of a folder by stem, with their expectations.
 fn pairs(folder: &Path) -> BTreeMap<String, (Vec<PathBuf>, Vec<PathBuf>)> {
     let mut all: BTreeMap<String, (Vec<PathBuf>, Vec<PathBuf>)> = BTreeMap::new();
     for entry in fs::read_dir(folder)
@@ -247,7 +249,7 @@ fn pairs(folder: &Path) -> BTreeMap<String, (Vec<PathBuf>, Vec<PathBuf>)> {
     all
 }
 
-/// Everything that is not as expected in a folder, and the number of fixtures.
+/// All deviations in a folder, and the number of fixtures.
 fn faults(folder: &Path) -> (Vec<String>, usize) {
     let (mut faults, mut count) = (Vec::new(), 0);
     for (stem, (fixtures, expectations)) in pairs(folder) {
@@ -281,7 +283,7 @@ fn faults(folder: &Path) -> (Vec<String>, usize) {
             let wanted = fs::read_to_string(&expectation).unwrap_or_default();
             let ending = expectation.extension().unwrap_or_default();
             for (_, look) in EXPECTATIONS.iter().filter(|(known, _)| ending == *known) {
-                // Fixtures are named without their folder, which is another one on each machine.
+                // Fixtures are named without their folder, which differs between machines.
                 let parent = path.parent().unwrap_or(folder).display().to_string();
                 let found = look(path).replace(&format!("{parent}/"), "");
                 if found != wanted.trim_end_matches('\n') {
@@ -316,7 +318,7 @@ fn every_bad_file_is_treated_as_expected() {
 /// Names and texts of the files of a folder.
 type Files<'a> = &'a [(&'a str, &'a str)];
 
-/// A folder of one test with these files, and what is wrong in it.
+/// The deviations in a folder of one test with these files.
 fn faults_of(name: &str, files: Files<'_>) -> Vec<String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("bad-{name}"));
     let _ = fs::remove_dir_all(&folder);

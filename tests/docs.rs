@@ -1,4 +1,4 @@
-//! What the documents name exists.
+//! References of the documents to files, keys and errata exist.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -37,7 +37,7 @@ fn documents() -> Vec<PathBuf> {
     all
 }
 
-/// Made by a command, only an example, or beside the repository.
+/// Created by a command, only an example, or beside the repository.
 const NOT_KEPT: &[&str] = &[
     "pliant-out/hip/report.html",
     "pliant-out/hip/hip.pvd",
@@ -142,7 +142,7 @@ fn errata_of_tests() -> BTreeSet<String> {
     found
 }
 
-/// A row of the errata says where it is shown: by a test that has its number, or in a file that names it.
+/// A row of the errata names its evidence: a test with its number, or a file that mentions it.
 #[test]
 fn every_erratum_is_shown_where_its_row_says() {
     let text = fs::read_to_string(root().join("docs/errata.md")).expect("the errata");

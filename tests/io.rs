@@ -1,4 +1,4 @@
-//! Real mesh files, from the folder named by `PLIANT_DATA` or else from `../shared/data`.
+//! Real mesh files, from the folder in `PLIANT_DATA`, by default `../shared/data`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use pliant::io::{MeshFile, Warning, obj, ply, read, read_bytes, stl, vtk, vtp};
 use pliant::mesh::TriangleMesh;
 
-/// All files under folders of the data set; says that the test is skipped where there are none.
+/// All files under folders of the data set; prints that the test is skipped if there are none.
 fn data(folders: &[&str]) -> Vec<PathBuf> {
     let root = std::env::var_os("PLIANT_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -39,7 +39,7 @@ fn file_name(path: &Path) -> String {
         .into_owned()
 }
 
-/// What each reader promises: a mesh that the mesh type accepts, and lines within it.
+/// The promise of each reader: a mesh that the mesh type accepts, and lines within it.
 fn assert_valid(file: &MeshFile, path: &Path) {
     let mesh = file.mesh.clone();
     let count = mesh.vertices.len();
@@ -116,7 +116,8 @@ fn the_counts_of_the_body_are_those_of_the_text() {
     }
 }
 
-/// The triangles of a surface as positions, each turned to begin with its smallest corner, in ascending order.
+/// The triangles of a surface as positions, each starting with its smallest corner, in ascending
+/// order.
 ///
 /// Positions are rounded to 1 µm: the vertices of the sample are farther apart, and singles are within 0.1 µm.
 fn as_positions(mesh: &TriangleMesh) -> Vec<[[i64; 3]; 3]> {
@@ -160,7 +161,7 @@ fn one_mesh_in_many_encodings_is_one_surface() {
     assert!(paths.len() >= 40);
 }
 
-/// A mesh with numbers that are hard to write.
+/// A mesh with numbers that are difficult to write.
 fn sample() -> (TriangleMesh, Vec<Vec<u32>>) {
     let vertices = [
         [0.1, -0.0, 5e-324],
@@ -182,7 +183,7 @@ fn bits(mesh: &TriangleMesh) -> Vec<[u64; 3]> {
         .collect()
 }
 
-/// What each writer makes of a mesh and lines: a name, the bytes, and what a reader finds in them.
+/// The output of each writer for a mesh and lines: a name, the bytes, and the expected content.
 fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8>, MeshFile)> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
     let names = [
@@ -190,7 +191,7 @@ fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8
     ];
     let mut all = Vec::new();
     for name in names {
-        // A file of its own for each thread: tests run side by side.
+        // A separate file for each thread: tests run in parallel.
         let path = folder.join(format!("{:?}-{name}", std::thread::current().id()));
         match name {
             "a.obj" => obj::write(&path, mesh, lines),
@@ -262,7 +263,7 @@ fn what_is_written_is_read_with_the_same_bits() {
     assert!(stl::write(&path, &mesh, stl::Encoding::Text).is_err() && !path.exists());
 }
 
-/// Small files of all formats; those without a writer here are given as text.
+/// Small files of all formats; those without a writer are given as text.
 fn small_files() -> Vec<(&'static str, Vec<u8>)> {
     let (mut mesh, lines) = sample();
     mesh.vertices[1].y = 0.5;
@@ -330,7 +331,8 @@ fn every_prefix_and_every_flipped_bit_gives_a_mesh_or_an_error() {
             changed[bit / 8] ^= 1 << (bit % 8);
         }
     }
-    // Compressed arrays are too large for every bit: some in each file, most of them in data that must not be trusted.
+    // Compressed arrays are too large to flip every bit: some bits in each file, most of them in
+    // untrusted data.
     let mut changes = Changes(20_261_122);
     for path in encoded {
         let bytes = std::fs::read(&path).unwrap();

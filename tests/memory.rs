@@ -1,6 +1,7 @@
-//! Memory of the readers: at most 64 bytes a byte of the file and 1 MiB, whatever the file declares.
+//! Memory of the readers: at most 64 bytes per byte of the file plus 1 MiB, for any declaration in
+//! the file.
 //!
-//! A binary of its own with a single test, because the allocator counts what all threads use.
+//! A separate binary with a single test, because the allocator counts all threads.
 
 use peak_alloc::PeakAlloc;
 use pliant::io::{read_bytes, read_bytes_within};
@@ -9,7 +10,7 @@ use pliant::testing::block_file;
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
 
-/// Reads a file and checks what was used meanwhile; tells whether it was a mesh.
+/// Reads a file and checks its use of memory. Returns true for a mesh.
 fn check(bytes: &[u8], name: &str) -> bool {
     let before = ALLOCATOR.current_usage();
     ALLOCATOR.reset_peak_usage();
@@ -30,14 +31,14 @@ fn check(bytes: &[u8], name: &str) -> bool {
     is_mesh
 }
 
-/// Files whose meshes need as much memory a byte as their format allows.
+/// Files whose meshes need as much memory per byte as their format allows.
 fn dense() -> Vec<(&'static str, Vec<u8>)> {
     let count = 1 << 20;
     let mut ply = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty char x\nproperty char y\n\
         property char z\nelement face 10\nproperty list uint uchar vertex_index\nend_header\n"
         .to_vec();
     ply.extend([0, 0, 0, 1, 0, 0, 0, 1, 0]);
-    // Polygons of as many corners as are read.
+    // Polygons with the greatest number of corners.
     for _ in 0..10 {
         ply.extend(100_000u32.to_le_bytes());
         ply.extend((0..100_000).map(|i| (i % 3) as u8));
@@ -99,7 +100,7 @@ fn dense() -> Vec<(&'static str, Vec<u8>)> {
     ]
 }
 
-/// Headers that declare what is not there.
+/// Headers that declare missing content.
 const LIARS: [(&str, &str); 7] = [
     (
         "a.ply",
@@ -123,7 +124,7 @@ const LIARS: [(&str, &str); 7] = [
     ("a.x", "xof 0302txt 0064 Mesh { 4000000000; 0;0;0;, "),
 ];
 
-/// `hello pliant` 20 times, in an LZMA stream whose header asks for a dictionary of 4 GiB.
+/// `hello pliant` 20 times, in an LZMA stream whose header requests a dictionary of 4 GiB.
 const LARGE_DICTIONARY: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x01\x69\x22\xde\x36\x02\x00\x21\x01\x28\x00\x00\x00\xe6\xa0\x11\xb3\xe0\x00\xef\x00\x13\x5d\x00\x34\x19\x49\xee\x8d\xe9\x15\x9f\xb1\x1a\xf5\x63\x23\x6b\xd5\x55\x28\x00\x00\x00\x00\x92\xdf\x64\xe2\x00\x01\x2b\xf0\x01\x00\x00\x00\x10\x16\xb6\x5e\x3e\x30\x0d\x8b\x02\x00\x00\x00\x00\x01\x59\x5a";
 
 /// A VTP file with these 240 bytes as its points.
@@ -139,10 +140,11 @@ fn large_dictionary() -> Vec<u8> {
     bytes
 }
 
-/// 65,536 zeros by liblzma, as a chunk of LZMA2 that stands on its own.
+/// 65,536 zeros by liblzma, as an independent chunk of LZMA2.
 const ZEROS: &[u8] = b"\xe0\xff\xff\x00\x4c\x5d\x00\x00\x6f\xfd\xff\xff\xa3\xb7\xff\x47\x3e\x48\x15\x72\x39\x61\x51\xb8\x92\x28\xe6\xa3\x86\x07\xf9\xee\xe4\x1e\x82\xd3\x2f\xc5\x3a\x3c\x01\x4b\xb1\x7e\xc9\x8a\x8a\x4d\x2f\xa3\x0d\xd9\x7f\xa6\xe3\x8c\x23\x11\x53\xe0\x59\x18\xc5\x75\x8a\xe2\x77\xf8\xb6\x94\x7f\x0c\x6a\xc0\xde\x74\x49\x64\x5c\x9e\x3a\xd1\x00";
 
-/// Files of few bytes that give many, honestly and not; what is used may go with what the file gives.
+/// Files of few bytes with a large output, declared or not; memory may be proportional to the
+/// output.
 fn check_bombs() {
     const COUNT: usize = 96 * 65_536;
     let zeros = vec![0; COUNT];
@@ -184,13 +186,13 @@ fn check_bombs() {
             code == Some("E044") && most <= 64 * file.len() + (1 << 20),
             "{choice}: {code:?}, {most} bytes"
         );
-        // It gives more than it declares: reading ends there.
+        // The output exceeds the declaration: reading ends there.
         let (code, most) = used(&block_file(choice, 3 << 14, packed), COUNT);
         assert!(
             code == Some("E042") && most <= 64 * (3 << 14) + (1 << 20),
             "{choice}: {code:?}, {most} bytes"
         );
-        // It declares as much as its format can give, and gives nothing of it.
+        // The declaration is as large as the format permits, without any output.
         let file = block_file(choice, 255 * garbage.len() as u64, &garbage);
         let (code, most) = used(&file, usize::MAX);
         assert!(

@@ -1,6 +1,7 @@
-//! Seeded changes of small files through the checks that the fuzz targets use, on a stable toolchain; and what fuzzing found.
+//! Seeded mutations of small files through the checks of the fuzz targets, on a stable toolchain;
+//! and earlier findings of fuzzing.
 //!
-//! `PLIANT_MUTATIONS` sets the number of changed files a format.
+//! `PLIANT_MUTATIONS` sets the number of mutated files per format.
 
 use std::path::{Path, PathBuf};
 
@@ -9,17 +10,17 @@ use pliant::io::{MeshFile, Place, Problem, ReadError};
 use pliant::mesh::TriangleMesh;
 use pliant::testing::{Breach, Mutator, Outcome, check_reader, check_target, dictionary, seeds};
 
-/// Changed files a format.
+/// Number of mutated files per format.
 const COUNT: usize = 200_000;
 
-/// What a reader may need of the stack [bytes].
+/// Greatest stack of a reader [bytes].
 const STACK: usize = 256 << 10;
 
 fn fuzz() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz")
 }
 
-/// The words that libFuzzer puts in; blocks and meshes of bytes have none.
+/// The words that libFuzzer inserts; blocks and meshes of bytes have none.
 fn words(target: &str) -> Vec<Vec<u8>> {
     let path = fuzz().join(format!("dictionaries/{target}.dict"));
     std::fs::read_to_string(path)
@@ -27,7 +28,7 @@ fn words(target: &str) -> Vec<Vec<u8>> {
         .unwrap_or_default()
 }
 
-/// Checks changed files, on a thread whose stack is small.
+/// Checks mutated files on a thread with a small stack.
 fn changed_files(target: &'static str, share: usize) {
     let asked = std::env::var("PLIANT_MUTATIONS")
         .ok()
@@ -53,7 +54,8 @@ fn changed_files(target: &'static str, share: usize) {
             }
         }
         println!("{target}: {count} changed files, {accepted} of them accepted");
-        // Were all of them refused at their first byte, or none changed, this would show nothing. Any mesh can be repaired.
+        // The test would show nothing if all files were rejected at their first byte, or none was
+        // changed. Any mesh can be repaired.
         let most = if target == "repair" {
             count
         } else {
@@ -128,7 +130,7 @@ fn changed_meshes_are_repaired() {
     changed_files("repair", 10);
 }
 
-/// A simulation is made for each.
+/// Each mutation needs a new simulation.
 #[test]
 fn changed_states_are_restored_or_refused() {
     changed_files("state", 100);
@@ -144,13 +146,13 @@ fn changed_collections() {
     changed_files("pvd", 1);
 }
 
-/// Files are written here, which takes longer than reading them.
+/// This test writes files, which takes longer than reading.
 #[test]
 fn meshes_of_any_bytes_come_back_from_every_writer() {
     changed_files("write", 100);
 }
 
-/// A reader that trusts its file, as readers begin: the checks must not let it pass.
+/// A naive reader that trusts its file: the checks must detect it.
 fn trusting(bytes: &[u8]) -> Result<MeshFile, ReadError> {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for line in String::from_utf8_lossy(bytes).lines() {
@@ -179,7 +181,7 @@ fn trusting(bytes: &[u8]) -> Result<MeshFile, ReadError> {
     })
 }
 
-/// The same, which cannot take a word that is no number.
+/// The same reader, which panics for a word that is no number.
 fn panicking(bytes: &[u8]) -> Result<MeshFile, ReadError> {
     let text = String::from_utf8_lossy(bytes);
     text.split_whitespace()
@@ -198,7 +200,7 @@ fn panicking(bytes: &[u8]) -> Result<MeshFile, ReadError> {
     })
 }
 
-/// The first breach among changed files of a reader.
+/// The first broken promise among mutated files of a reader.
 fn first_breach(reader: fn(&[u8]) -> Result<MeshFile, ReadError>) -> Option<Breach> {
     let files = vec![b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()];
     assert_eq!(
@@ -255,7 +257,8 @@ fn control_errors_that_do_not_help_are_found() {
     }
 }
 
-/// Replays each `TARGET/NAME.bin` of a folder, which needs its story in `NAME.txt`; returns how many there are.
+/// Replays each `TARGET/NAME.bin` of a folder, which must have a description in `NAME.txt`. Returns
+/// their number.
 fn replay(folder: &Path) -> Result<usize, String> {
     let entries = |folder: &Path| -> Vec<PathBuf> {
         let mut paths: Vec<_> = std::fs::read_dir(folder)

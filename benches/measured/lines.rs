@@ -1,10 +1,10 @@
 //! The lines that `benches/document.py` reads.
-// Each bench uses a part of it.
+// Each bench uses a part of this module.
 #![allow(dead_code)]
 
 use std::fmt::Display;
 
-/// Whether all is only to be tried out, in seconds.
+/// True for a quick trial run in seconds.
 pub fn quick() -> bool {
     std::env::args().any(|a| a == "--test")
 }
@@ -14,12 +14,12 @@ pub fn result(key: &str, value: f64, unit: &str) {
     println!("RESULT {key} {value:.6e} {unit}");
 }
 
-/// The same for a word or a few.
+/// The same for a short text.
 pub fn note(key: &str, value: impl Display) {
     println!("NOTE {key} {value}");
 }
 
-/// Small letters, digits and minus signs.
+/// Lower-case letters, digits and minus signs.
 pub fn key(name: &str) -> String {
     let plain = |c: char| {
         if c.is_ascii_alphanumeric() {
@@ -42,7 +42,8 @@ pub fn quartiles(mut numbers: Vec<f64>) -> [f64; 3] {
     [1, 2, 3].map(|k| numbers[k * (numbers.len() - 1) / 4])
 }
 
-/// Prints the least and the median time [ms] of each of two deeds and the median of the ratios of a round.
+/// Prints the least and the median time [ms] of each of two functions, and the median of their
+/// ratios in a round.
 pub fn compare(name: &str, [one, other]: [&str; 2], [a, b]: &[Vec<f64>; 2]) {
     for (who, times) in [(one, a), (other, b)] {
         let least = times.iter().copied().fold(f64::INFINITY, f64::min);

@@ -1,18 +1,18 @@
-//! Mesh files made in memory, for benches: one torus in every format and encoding.
+//! Generated mesh files for benches: one torus in every format and encoding.
 
 use std::fmt::Write;
 
-/// A file, and how fast it is meant to be read.
+/// A file with its expected content.
 pub struct File {
     pub name: &'static str,
     pub bytes: Vec<u8>,
-    /// Number of vertices that a reader must find.
+    /// Expected number of vertices.
     pub vertices: usize,
-    /// Number of triangles that a reader must find.
+    /// Expected number of triangles.
     pub triangles: usize,
 }
 
-/// A torus of `2 n n` triangles; coordinates are singles, as most files hold them.
+/// A torus of `2 n n` triangles; coordinates are singles, as in most files.
 pub struct Torus {
     pub points: Vec<[f32; 3]>,
     pub triangles: Vec<[u32; 3]>,
@@ -49,7 +49,7 @@ impl Torus {
         }
     }
 
-    /// The points, one a line, `begin` before each.
+    /// The points, one per line, each after the text `begin`.
     fn points_text(&self, begin: &str) -> String {
         let mut text = String::new();
         for [x, y, z] in &self.points {
@@ -58,7 +58,7 @@ impl Torus {
         text
     }
 
-    /// The triangles, one a line, `begin` before each, counted from `first`.
+    /// The triangles, one per line, each after the text `begin`, with indices from `first`.
     fn triangles_text(&self, begin: &str, first: u32) -> String {
         let mut text = String::new();
         for [a, b, c] in self.triangles.iter().map(|t| t.map(|i| i + first)) {
@@ -93,7 +93,7 @@ impl Torus {
         )
     }
 
-    /// As most programs write it: texture coordinates, normals, and both at each corner.
+    /// As written by most programs: texture coordinates, normals, and both at each corner.
     pub fn obj_with_normals(&self) -> File {
         let mut text = self.points_text("v ");
         text += &"vt 0.25 0.75\n".repeat(self.points.len());
@@ -234,7 +234,7 @@ impl Torus {
     }
 }
 
-/// How the arrays of a VTP file are written.
+/// Encoding of the arrays of a VTP file.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Arrays {
     Text,
@@ -355,12 +355,12 @@ impl Torus {
     }
 }
 
-/// An array behind the number of its bytes.
+/// An array after the number of its bytes.
 fn stored(bytes: &[u8]) -> Vec<u8> {
     [&(bytes.len() as u32).to_le_bytes(), bytes].concat()
 }
 
-/// Compressed blocks of 32 KiB, as VTK writes them, behind their sizes.
+/// Compressed blocks of 32 KiB, as written by VTK, after their sizes.
 fn blocks(bytes: &[u8], how: Arrays) -> Vec<u8> {
     const SIZE: usize = 32768;
     let pack = |block: &[u8]| match how {

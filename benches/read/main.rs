@@ -1,4 +1,5 @@
-//! Bytes a second of each reader on one thread, and whether the time goes with the size of the file.
+//! Bytes per second of each reader on one thread, and the growth of its time with the size of the
+//! file.
 
 #[path = "files.rs"]
 mod files;
@@ -15,10 +16,10 @@ use pliant::io::read_bytes;
 /// Sides of the tori: 12,482, 49,928 and 199,712 triangles.
 const SIDES: [usize; 3] = [79, 158, 316];
 
-/// A reader that is no slower than this a byte for 16 times the size is called linear.
+/// Greatest ratio of the times per byte for 16 times the size that counts as linear.
 const LINEAR: f64 = 3.0;
 
-/// The time of a file [s], which must be read as what was written.
+/// The time to read a file [s]; the result must match the file.
 fn seconds(file: &File) -> f64 {
     let begin = Instant::now();
     let found = read_bytes(black_box(&file.bytes), "").expect("a mesh");
@@ -48,7 +49,8 @@ fn read(c: &mut Criterion) {
     group.finish();
 }
 
-/// Nanoseconds a byte at three sizes, the best of several readings each, and the last over the first.
+/// Nanoseconds per byte at three sizes, the best of several readings each, and the ratio of the
+/// last to the first.
 fn linear(_: &mut Criterion) {
     let rounds = if measured::quick() { 1 } else { 7 };
     let sizes = SIDES.map(|side| Torus::new(side).files());

@@ -1,4 +1,4 @@
-//! The command `pliant`: what it reads from the command line, the pages and pictures it writes, and parameter studies.
+//! The command `pliant`: its options, the pages and pictures that it writes, and parameter studies.
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 
 pub mod report;

@@ -1,4 +1,4 @@
-//! The command `pliant`; everything is in [`pliant_cli`].
+//! The command `pliant`; [`pliant_cli`] contains everything.
 
 fn main() -> std::process::ExitCode {
     pliant_cli::main()

@@ -1,6 +1,7 @@
-//! Files of VTK, as VTK itself reads them, against what our reader gives: points, triangles, lines.
+//! Files of VTK as read by VTK itself, compared with our reader: points, triangles, lines.
 //!
-//! The interpreter is `python3`, or what `PLIANT_PYTHON` names; without PyPI's `vtk` or the measured data the test is skipped.
+//! The interpreter is `python3`, or that of `PLIANT_PYTHON`; without PyPI's `vtk` or the measured
+//! data the test is skipped.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -8,7 +9,8 @@ use std::process::Command;
 use pliant::io::{MeshFile, Warning, read};
 use serde_json::Value;
 
-/// Whether we are right to refuse what VTK reads: a cell that fills a volume, or nothing that is a surface or a line.
+/// True if a rejection of a file that VTK reads is right: a cell that fills a volume, or no surface
+/// and no line.
 fn rightly_refused(theirs: &Value, code: &str) -> bool {
     let empty = ["polys", "strips", "lines"]
         .iter()
@@ -21,7 +23,7 @@ fn python() -> String {
     std::env::var("PLIANT_PYTHON").unwrap_or_else(|_| "python3".into())
 }
 
-/// The files of VTK among the measured data.
+/// The VTK files among the measured data.
 fn files() -> Vec<PathBuf> {
     let root = std::env::var_os("PLIANT_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -37,7 +39,7 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// What VTK reads, one value a file; `None` where there is no VTK.
+/// The content read by VTK, one value per file; `None` without VTK.
 fn oracle(files: &[PathBuf]) -> Option<Vec<Value>> {
     let has_vtk = Command::new(python())
         .args(["-c", "import vtk"])
@@ -78,7 +80,8 @@ fn cells(value: &Value, name: &str) -> Vec<Vec<u32>> {
         .collect()
 }
 
-/// The triangles of VTK's cells by the rules of `docs/formats.md`, in ascending order, and how many are left out.
+/// The triangles of VTK's cells by the rules of `docs/formats.md`, in ascending order, and the
+/// number of those left out.
 fn triangles(value: &Value) -> (Vec<[u32; 3]>, usize) {
     let fan = |c: &Vec<u32>| {
         (2..c.len())
@@ -121,10 +124,10 @@ fn points(value: &Value) -> Vec<f64> {
         .collect()
 }
 
-/// What differs between VTK's reading and ours.
+/// The differences between VTK's reading and ours.
 fn differences(theirs: &Value, ours: &MeshFile) -> Vec<String> {
     let mut found = Vec::new();
-    // VTK holds the points of most files as singles, whatever digits a text has.
+    // VTK stores the points of most files as singles, for any number of digits in a text.
     let held = |c: &f64| {
         if theirs["single"] == true {
             f64::from(*c as f32)
@@ -161,7 +164,8 @@ fn differences(theirs: &Value, ours: &MeshFile) -> Vec<String> {
             expected.len()
         ));
     }
-    // VTK's own split of a polygon may leave out what has no area; otherwise it has as many triangles as a fan.
+    // VTK's own triangulation of a polygon can leave out triangles without area; otherwise it has
+    // as many as a fan.
     if let Some(count) = theirs["triangles"]
         .as_u64()
         .filter(|&count| count != (mesh.len() + left_out) as u64)

@@ -1,5 +1,5 @@
-//! The geometric muscle: sample values of the digest, its errata as controls, properties over drawn chains, meshes, frames,
-//! files.
+//! The geometric muscle: sample values of the digest, its errata as controls, properties of random
+//! chains, meshes, frames, files.
 
 use pliant::geometric::surface::{Fineness, surface};
 use pliant::geometric::{Caps, Chain, ChainError, Frame, FrameError, Shape, file};
@@ -36,7 +36,7 @@ fn most(chain: &Chain) -> f64 {
     chain.radii().iter().copied().fold(0.0, f64::max)
 }
 
-/// Half of the last of the digits that the digest prints.
+/// Half of the last printed digit of the digest.
 const FOUR_DIGITS: f64 = 5e-5;
 
 #[test]
@@ -81,7 +81,7 @@ fn samples_of_the_digest() {
     assert!(least(&at(e(), longest * (1.0 - 1e-12))) <= 1e-9);
 }
 
-/// Radii at another length by the coefficients that the source prints (errata G3, G4).
+/// Radii at another length by the printed coefficients of the source (errata G3, G4).
 fn printed(chain: &Chain, length: f64) -> Vec<f64> {
     let (r, m) = (&chain.rest().radii, &chain.rest().growth);
     let pairs = || r.windows(2).zip(m.windows(2));
@@ -109,7 +109,7 @@ fn printed_coefficients_do_not_keep_the_volume() {
         (Chain::new(other).expect("a chain").volume() / chain.volume() - 1.0).abs()
     };
     assert!(off(&sample_a(), 14.0) > 1e-3, "{}", off(&sample_a(), 14.0));
-    // Of a cylinder they do.
+    // For a cylinder they agree.
     assert!(off(&chain(&[2.0; 5], &[1.0; 5], 20.0), 14.0) <= 1e-12);
 }
 
@@ -117,7 +117,7 @@ fn printed_coefficients_do_not_keep_the_volume() {
 fn coefficients(r: &[f64], m: &[f64]) -> [f64; 3] {
     let at = |s: f64| {
         let radii: Vec<f64> = r.iter().zip(m).map(|(r, m)| r + m * s).collect();
-        // A distance of 1 between nodes.
+        // Unit distance between nodes.
         chain(&radii, m, (r.len() - 1) as f64).volume() / std::f64::consts::PI
     };
     let (f0, f1, f2) = (at(0.0), at(1.0), at(2.0));
@@ -202,7 +202,7 @@ fn g3_g4_coefficients_of_the_samples() {
             (wrong_a - a).abs() > 0.4 && (wrong_b - b).abs() > 0.8,
             "control"
         );
-        // Of the muscle turned end for end they are the same, the printed A is not where m is not symmetric.
+        // For the reversed muscle they are equal; the printed A is not if m is not symmetric.
         let (mut back, mut grown) = (r.clone(), m.clone());
         back.reverse();
         grown.reverse();
@@ -232,10 +232,10 @@ fn g6_small_changes_are_not_lost_in_rounding() {
     let [_, linear, constant] = coefficients(&a.rest().radii, &a.rest().growth);
     for by in [1e-9, 1e-12] {
         let shorter = at(sample_a(), 20.0 * (1.0 - by));
-        // To first order: the radius of a node with multiplier 1 grows by C/B times the share.
+        // To first order the radius of a node with multiplier 1 grows by C/B times the share.
         let lack = 20.0 / shorter.length() - 1.0;
         let (found, wanted) = (shorter.radii()[4] - 3.4, constant / linear * lack);
-        // What is left is the rounding of the radius itself.
+        // The remainder is the rounding of the radius itself.
         assert!(
             (found - wanted).abs() <= 4.0 * f64::EPSILON * 3.4 + by * wanted,
             "{by}: {found} for {wanted}"
@@ -269,7 +269,7 @@ fn g7_negative_multipliers_and_radii_are_refused() {
         "{}",
         least(&at(thin(), 22.0))
     );
-    // 24 has a root with radii below 0, 40 none at all.
+    // 24 has a root with negative radii, 40 has none.
     for length in [24.0, 40.0] {
         let error = thin().set_length(length).expect_err("refused");
         assert!(
@@ -357,7 +357,8 @@ proptest! {
             }
             Err(ChainError::TooLong { longest, .. }) => prop_assert!(share * shape.length > longest * (1.0 - 1e-12)),
             Err(error) => {
-                // With hemispheres that fill the whole volume a chain cannot be short without limit, never otherwise.
+                // Hemispheres can fill the whole volume, so a chain cannot be arbitrarily short;
+                // without them it can.
                 prop_assert!(false, "{}", error);
             }
         }
@@ -380,7 +381,7 @@ proptest! {
         let [p, q, joint, r, s] = placed.points;
         let near = |a: f64, b: f64| (a - b).abs() <= 1e-12 * most;
         prop_assert!(near((q - p).norm(), 1.0) && near((joint - q).norm(), b) && near((r - q).norm(), length));
-        // Where the triangle is flat its angles have half of the digits; the second bar closes it.
+        // For a flat triangle the angles have half of the digits; the second bar closes it.
         prop_assert!(((r - joint).norm() - c).abs() <= 1e-7 * most && near((s - r).norm(), 2.0));
         let sum = placed.joint_angle + placed.muscle_angles.iter().sum::<f64>();
         prop_assert!((sum - std::f64::consts::PI).abs() <= 1e-7);
@@ -431,7 +432,7 @@ fn meshes_are_closed_and_hold_the_volume_of_the_frusta() {
             );
         }
     }
-    // Round ends add two hemispheres, as far as rings tell.
+    // Round ends add two hemispheres, up to the resolution of the rings.
     let (a, fine) = (
         sample_a(),
         Fineness {

@@ -1,4 +1,4 @@
-//! Every way to find contact finds the same; the grid of bits keeps its bounds.
+//! All methods of contact search find the same; the bit grid keeps its bounds.
 
 use nalgebra::{Point3, Vector3};
 use pliant::contact::broad_phase::{BitGrid, BruteForce, Fill, METHODS, NearestTriangle, Searched};
@@ -9,11 +9,11 @@ use pliant::testing::Draw;
 
 use crate::tolerances::{T1, cases};
 
-/// Kinds of drawn meshes.
+/// Number of kinds of random meshes.
 const KINDS: usize = 6;
 
-/// A bumpy sphere, a long box of large triangles, a tube with flat ends, an open patch, a heap of triangles, a single one;
-/// turned, scaled and put somewhere.
+/// A bumpy sphere, a long box of large triangles, a tube with flat ends, an open patch, separate
+/// triangles, a single one; rotated, scaled and translated.
 fn drawn(draw: &mut Draw, kind: usize) -> TriangleMesh {
     let mut mesh = match kind {
         0 => icosphere(1.0, 2),
@@ -54,7 +54,7 @@ fn drawn(draw: &mut Draw, kind: usize) -> TriangleMesh {
     mesh
 }
 
-/// A point near a vertex, anywhere about, or far away.
+/// A point near a vertex, anywhere around, or far away.
 fn point_near(draw: &mut Draw, mesh: &TriangleMesh) -> Point3<f64> {
     let bounds = mesh.bounding_box();
     let size = bounds.extents().norm();
@@ -67,11 +67,12 @@ fn point_near(draw: &mut Draw, mesh: &TriangleMesh) -> Point3<f64> {
     }
 }
 
-/// Greatest error of distances, signs included, over the size of the coordinates: that of a way beside the crate's own.
+/// Greatest error of distances, signs included, relative to the coordinates: of a method compared
+/// with the default one.
 fn error(mesh: &TriangleMesh, found: &dyn Obstacle, draw: &mut Draw, points: usize) -> f64 {
     let known = Surface::new(mesh);
     let mut worst = 0.0_f64;
-    // The middle of each triangle as well: none may be forgotten.
+    // Also the centre of each triangle: none may be missed.
     let middle = |t: usize| {
         Point3::from(
             mesh.corners(t)
@@ -93,13 +94,13 @@ fn error(mesh: &TriangleMesh, found: &dyn Obstacle, draw: &mut Draw, points: usi
             found.closest(&p).expect("triangles"),
             known.closest(&p).expect("triangles"),
         );
-        // The place that was found is as far as it says, and begun from anywhere it is the same.
+        // The distance to the returned point matches, and any hint gives the same point.
         let there = (a.point - p).norm() - a.distance.abs();
         let again = found
             .closest_from(&p, &mesh.vertices[draw.index(mesh.vertices.len())])
             .expect("triangles");
         for error in [a.distance - b.distance, there, again.distance - a.distance] {
-            // On the surface both signs are right.
+            // On the surface both signs are valid.
             worst = worst.max(error.abs() / scale);
         }
         assert!((a.normal.norm() - 1.0).abs() <= T1, "{:?}", a.normal);
@@ -162,7 +163,7 @@ fn sizes_that_nobody_would_choose_are_exact_as_well() {
     );
 }
 
-/// Forgets one triangle.
+/// Omits one triangle.
 struct Forgetful(u32);
 
 impl NearestTriangle for Forgetful {
@@ -178,7 +179,7 @@ impl NearestTriangle for Forgetful {
     }
 }
 
-/// Takes the triangle with the nearest corner.
+/// Returns the triangle with the nearest corner.
 struct NearestCorner;
 
 impl NearestTriangle for NearestCorner {
@@ -220,7 +221,8 @@ fn a_way_that_leaves_out_a_triangle_is_rejected() {
     }
 }
 
-/// Worst departures from the bounds that [`BitGrid`] states, in diagonals: too far in, too far out, above the distance.
+/// Greatest departures from the bounds of [`BitGrid`], in diagonals: too far in, too far out, above
+/// the distance.
 fn departures(mesh: &TriangleMesh, k: usize, fill: Fill, draw: &mut Draw) -> [f64; 3] {
     let grid = BitGrid::new(mesh, k, fill);
     let known = Surface::new(mesh);
@@ -255,7 +257,7 @@ fn the_grid_of_bits_keeps_its_bounds() {
     let (mut above, mut nearer) = (f64::MIN, f64::MIN);
     for case in 0..cases(9) {
         let mesh = drawn(&mut draw, case % 3);
-        // Rounding of coordinates that are up to a thousand boxes off.
+        // Rounding of coordinates up to a thousand boxes away.
         let doubt = 1e-9;
         let touch = departures(&mesh, 16, Fill::Touch, &mut draw);
         assert!(touch.iter().all(|d| *d <= doubt), "case {case}: {touch:?}");
@@ -298,7 +300,7 @@ fn walks_end_free_and_on_the_way() {
                         && on_the_way(&end)
                         && on_the_way(&back)
                 );
-                // Nothing before the end is bone.
+                // No box before the end is bone.
                 let free = (0..200).all(|i| !grid.holds(&(x + (end - x) * (f64::from(i) / 200.0))));
                 assert!(free, "seed {}: {x} to {p} ends at {end}", draw.seed);
                 seen[usize::from(end != p)] += 1;

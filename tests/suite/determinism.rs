@@ -12,7 +12,8 @@ use pliant::testing::Draw;
 
 use crate::bodies::{batch, bits, edges, elastic, finite, hinges, still};
 
-/// Sets of so many constraints, times their points squared, are swept in parallel; as in `constraints/batch.rs`.
+/// Sets of at least this number of constraints, times their points squared, are swept in parallel;
+/// as in `constraints/batch.rs`.
 const PARALLEL: usize = 262_144;
 
 fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
@@ -23,7 +24,7 @@ fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
         .install(deed)
 }
 
-/// 163,842 vertices in an order that makes blocks, shaken so that every constraint has something to do.
+/// 163,842 vertices in an order with blocks, perturbed so that every constraint is violated.
 fn shaken() -> (TriangleMesh, Vec<Point3<f64>>) {
     let mesh = icosphere(1.0, 7);
     shake(order::apply(
@@ -73,7 +74,7 @@ fn p42_threads_change_no_bit() {
         let other = with_threads(threads, || sweep(&mut make(Order::Coloured), &x));
         assert!(other == reference, "{threads} threads");
     }
-    // Control: another order of colours is another result, so equality is no accident.
+    // Control: another order of colours gives another result, so equality is no accident.
     assert!(with_threads(1, || sweep(&mut make(Order::Stored), &x)) != reference);
 }
 
@@ -104,7 +105,7 @@ fn p42_order_within_a_colour_changes_no_bit() {
 
 #[test]
 fn p42_a_numbering_moves_memory_and_no_bit() {
-    // The same constraints on the same particles: once numbered anew, once under their numbers with a numbering.
+    // The same constraints on the same particles: once with new indices, once with a numbering.
     let (mesh, x) = shake(icosphere(1.0, 6));
     let permutation = order::permutation(&Topology::new(&mesh));
     let numbering = Numbering::new(permutation.clone());
@@ -139,13 +140,13 @@ fn p42_a_numbering_moves_memory_and_no_bit() {
         Batch::new(anew, compliance.clone(), Order::Coloured, x.len(), &[]);
     let other = run(&mut batch, &moved, &permutation);
     assert!((0..x.len()).all(|p| kept[p] == other[place(p as u32) as usize]));
-    // Control: without the numbering the blocks are others, and so are the bits.
+    // Control: without the numbering the blocks differ, and so do the bits.
     let mut plain: Batch<Distance, 2> =
         Batch::new(there, compliance, Order::Coloured, x.len(), &[]);
     assert!(run(&mut plain, &x, &straight) != kept);
 }
 
-/// Whether two constraints of a range share a particle.
+/// True if two constraints of a range share a particle.
 fn shares<C: Constraint<K>, const K: usize>(all: &[C], count: usize) -> bool {
     let mut seen = vec![false; count];
     all.iter()
@@ -210,7 +211,8 @@ fn p43_sums_are_the_same_and_near_the_exact_one() {
         };
         let size: f64 = values.iter().map(|v| v.abs()).sum();
         let n = values.len() as f64;
-        // Leaves of 4096 in 8 lanes: 512 additions in turn, then a tree; roundings add like a random walk.
+        // Leaves of 4096 in 8 lanes: 512 additions in sequence, then a tree; roundings add up like
+        // a random walk.
         let bound = f64::EPSILON / 2.0 * (512.0 + n.log2()) * size;
         assert!((f64::from_bits(sums[0]) - exact).abs() <= bound);
     }

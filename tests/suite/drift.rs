@@ -1,7 +1,8 @@
-//! Energy over 1e5 steps of a body on which only forces act (P38).
+//! Energy over 1e5 steps of a body with forces only (P38).
 //!
-//! Without constraints a step is symplectic Euler. Read half a step later, with the mean of two velocities, the same
-//! steps are Verlet's. With a spring as constraint a step is implicit Euler, which damps: it must fail here.
+//! Without constraints a step is symplectic Euler. With velocities as means of two successive ones,
+//! the same steps are Verlet. With a spring as a constraint a step is implicit Euler, which has
+//! damping: it must fail here.
 
 use nalgebra::{Point3, Vector3};
 use pliant::particles::Particles;
@@ -12,19 +13,20 @@ use crate::tolerances::{T1, worst};
 
 const STEPS: usize = 100_000;
 
-/// The bounds of the first order in omega dt hold within this share, as the row of P38 says.
+/// Relative tolerance of the first-order bounds in omega dt, as in the row of P38.
 const HIGHER_ORDER: f64 = 1.05;
 
-/// Which velocity belongs to a position.
+/// The velocity of a position.
 #[derive(Clone, Copy, PartialEq)]
 enum Read {
-    /// The one that led to it.
+    /// The velocity that led to the position.
     Euler,
-    /// The mean of the one that led to it and the next.
+    /// The mean of the velocity that led to the position and the next one.
     Verlet,
 }
 
-/// E/E0 - 1 after each step of a mass of 1 kg on a force of -x [N], let go at 1 m; `omega_dt` is the step [s].
+/// E/E0 - 1 after each step of a mass of 1 kg with a force of -x [N], released at 1 m; `omega_dt`
+/// is the step [s].
 fn drift(omega_dt: f64, read: Read, velocity_factor: f64) -> Vec<f64> {
     let mut system = System::new(
         Particles::at_rest(vec![Point3::new(1.0, 0.0, 0.0)], vec![1.0]),
@@ -55,7 +57,7 @@ fn max_or_nan(drift: &[f64]) -> f64 {
     worst(drift.iter().map(|e| e.abs()))
 }
 
-/// Slope of the means of 100 blocks, over its standard error.
+/// Slope of the means of 100 blocks, divided by its standard error.
 fn trend(drift: &[f64]) -> f64 {
     let means: Vec<f64> = drift
         .chunks(STEPS / 100)
@@ -83,7 +85,7 @@ fn trend(drift: &[f64]) -> f64 {
 fn p38_symplectic_euler_keeps_its_energy() {
     for omega_dt in [0.01, 0.02, 0.05, 0.09, 0.2, 0.5] {
         let found = drift(omega_dt, Read::Euler, 1.0);
-        // x^2 + v^2 - omega dt x v is kept, and |x v| is at most half of x^2 + v^2.
+        // x^2 + v^2 - omega dt x v is constant, and |x v| is at most half of x^2 + v^2.
         let half = 0.5 * omega_dt;
         let exact = half / (1.0 - half);
         let (off, steep) = (max_or_nan(&found), trend(&found));
@@ -120,7 +122,7 @@ fn p38_verlet_keeps_its_energy_to_second_order() {
             off >= 0.9 * bound,
             "nothing happened at omega dt {omega_dt}: {off:e}"
         );
-        // With the mean velocity the energy is at most that of the start.
+        // With the mean velocity the energy is at most that at the start.
         assert!(worst(found.iter().map(|e| e.max(0.0))) <= T1 * (STEPS as f64).sqrt());
         assert!(
             steep.abs() <= 3.0,
@@ -133,7 +135,7 @@ fn p38_verlet_keeps_its_energy_to_second_order() {
 fn a_drift_is_seen() {
     let omega_dt: f64 = 0.05;
     let bound = 0.5 * omega_dt * HIGHER_ORDER;
-    // A damping that leaves the energy within the bound is a trend all the same.
+    // A damping that leaves the energy within the bound is still a trend.
     let damped = drift(omega_dt, Read::Euler, 1.0 - 1e-8);
     assert!(max_or_nan(&damped) <= bound, "{}", max_or_nan(&damped));
     assert!(
@@ -155,7 +157,7 @@ fn a_drift_is_seen() {
     }
     assert!(!(max_or_nan(&implicit) <= bound));
     assert!(!(max_or_nan(&explicit) <= bound));
-    // Symplectic Euler does not keep what Verlet keeps.
+    // Symplectic Euler does not conserve the energy of Verlet.
     assert!(
         !(max_or_nan(&drift(omega_dt, Read::Euler, 1.0))
             <= 0.25 * omega_dt * omega_dt * HIGHER_ORDER)

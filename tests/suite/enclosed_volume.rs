@@ -18,7 +18,8 @@ fn scaled(mesh: &TriangleMesh, by: f64) -> Particles {
     )
 }
 
-/// One linear step x += w g (-C / sum w g^2) with value and gradient times the given factors.
+/// One linear step x += w g (-C / sum w g^2) with the value and the gradient multiplied by the
+/// given factors.
 fn linear_step(mesh: &TriangleMesh, particles: &mut Particles, value: f64, gradient: f64) {
     let closed = EnclosedVolume::new(&mesh.triangles, mesh.vertices.len(), 0.0, 0.0);
     let (v, g) = closed.value_and_gradient(&particles.position);
@@ -93,18 +94,18 @@ fn a_linear_projection_gives_the_printed_numbers_and_ours_lands_at_once() {
 #[test]
 fn the_printed_factors_fail() {
     let mesh = tetrahedron();
-    // A06, A07: six volumes against a real rest volume: shrinks to a sixth, edges to 0.550.
+    // A06, A07: six volumes with a true rest volume: shrinks to a sixth, edges to 0.550.
     let mut printed = scaled(&mesh, 1.0);
     (0..100).for_each(|_| linear_step(&mesh, &mut printed, 6.0, 6.0));
     let ratio = volume(&printed.position, &mesh.triangles) / mesh.volume();
     assert!((ratio - 1.0 / 6.0).abs() <= T6, "{ratio}");
     assert!((ratio.cbrt() - 0.550).abs() <= 5e-4);
-    // Value with 1/6, gradient without: 5/6 of a small error stays.
+    // Value with 1/6, gradient without: 5/6 of a small error remains.
     let mut mixed = scaled(&mesh, 1.0 + 1e-6);
     linear_step(&mesh, &mut mixed, 1.0, 6.0);
     let left = (volume(&mixed.position, &mesh.triangles) / mesh.volume() - 1.0) / 3e-6;
     assert!((left - 5.0 / 6.0).abs() <= 1e-3, "{left}");
-    // Control of the control: the right factors leave nothing of first order.
+    // Control: the right factors leave no first-order error.
     let mut right = scaled(&mesh, 1.0 + 1e-6);
     linear_step(&mesh, &mut right, 1.0, 1.0);
     assert!((volume(&right.position, &mesh.triangles) / mesh.volume() - 1.0).abs() <= 1e-10);
@@ -126,7 +127,7 @@ fn p36_the_volume_is_kept_through_twisting() {
             .for_each(|&v| system.particles.inverse_mass[v] = 0.0);
         let mut errors = Vec::new();
         for step in 0..1000 {
-            // One end turns to half a turn and back, twice.
+            // One end rotates to half a turn and back, twice.
             let angle = 1.5 * (f64::from(step) * 0.0126).sin();
             for &v in ends.iter().filter(|&&v| mesh.vertices[v].x > 0.0) {
                 system.particles.position[v] =
@@ -165,12 +166,13 @@ fn a_finite_bulk_modulus_balances_the_pressure_applied() {
         let mut particles = Particles::at_rest(mesh.vertices.clone(), vec![1e3; count]);
         let mut closed = EnclosedVolume::new(&mesh.triangles, count, v0, compliance);
         let gradient = EnclosedVolume::new(&mesh.triangles, count, 0.0, 0.0);
-        // Small against the period of the breathing mode, 9 ms: the gradient is that of the predicted shape.
+        // Small relative to the period of the breathing mode, 9 ms: the gradient is that of the
+        // predicted shape.
         let dt = 4e-6;
         let mut velocity: Vec<Vector3<f64>> = vec![Vector3::zeros(); count];
         for _ in 0..20_000 {
             let start = particles.position.clone();
-            // A pressure from outside: the force on a vertex is -p times the gradient of the volume.
+            // An external pressure: the force on a vertex is -p times the gradient of the volume.
             let (_, g) = gradient.value_and_gradient(&start);
             for k in 0..count {
                 velocity[k] = velocity[k] * 0.994 - g[k] * (pressure * 1e3 * dt);

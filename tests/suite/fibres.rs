@@ -1,4 +1,4 @@
-//! Fibres: exact shapes, wrong areas, controls of what is measured, real muscles.
+//! Fibres: exact shapes, invalid areas, controls of the measures, real muscles.
 
 mod real;
 mod refused;
@@ -14,7 +14,7 @@ use pliant::fibres::quality::{Quality, measure};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{icosphere, tube};
 
-/// Ends within 0.01 mm of their areas.
+/// Tolerance of fibre ends from their areas: 0.01 mm.
 const AT_AREA: f64 = 1e-5;
 
 /// Vertices of the flat ends of a tube along x, before it is bent.
@@ -41,7 +41,8 @@ fn made(place: impl Fn(&Point3<f64>) -> Point3<f64>) -> (TriangleMesh, Attachmen
     (mesh, areas.expect("areas"))
 }
 
-/// A body that is seen whole from its centre, a ball of 50 mm with bumps of up to 35 % times `amount`, with areas at both ends.
+/// A star-shaped body, a ball of 50 mm with bumps of up to 35 % times `amount`, with areas at both
+/// ends.
 fn star(amount: f64) -> (TriangleMesh, Attachment) {
     let mut mesh = icosphere(1.0, 4);
     let radius = |d: &Vector3<f64>| {
@@ -112,7 +113,7 @@ fn measured(mesh: &TriangleMesh, areas: &Attachment) -> (Decomposition, Quality)
     (made, quality)
 }
 
-/// What holds for every muscle.
+/// Properties of every muscle.
 fn assert_good(name: &str, q: &Quality) {
     assert_eq!((q.fibres, q.points), (100, 1500), "{name}");
     assert_eq!(q.outside, 0, "{name}: {q:?}");

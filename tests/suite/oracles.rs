@@ -1,4 +1,4 @@
-//! Closed-form answers: what a body should do where the exact solution is known.
+//! Closed-form oracles: behaviour of bodies with known exact solutions.
 //!
 //! `cargo test --test suite oracles -- --nocapture` prints the numbers of the section "Oracles" of
 //! `docs/verification.md`.
@@ -12,7 +12,7 @@ mod shapes;
 mod strip;
 mod sweeps;
 
-/// Observed orders: log2 of the ratio of each error to the next, of twice the resolution.
+/// Observed orders: log2 of the ratio of each error to the next, at twice the resolution.
 fn orders(errors: &[f64]) -> Vec<f64> {
     errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect()
 }
@@ -26,7 +26,7 @@ fn powers(errors: &[f64]) -> String {
         .join(", ")
 }
 
-/// How far the observed orders of the two finest pairs are from `expected`; NaN if one is no number.
+/// Distance of the observed orders of the two finest pairs from `expected`; NaN if one is NaN.
 fn off_order(errors: &[f64], expected: f64) -> f64 {
     let all = orders(errors);
     crate::tolerances::worst(

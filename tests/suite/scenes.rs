@@ -1,4 +1,4 @@
-//! The three tetrahedron scenes and the chain, as a user runs them.
+//! The three tetrahedron scenes and the chain, as run by a user.
 
 use pliant::mesh::measures::{area, volume};
 use pliant::scene::builtin::load;
@@ -25,7 +25,8 @@ fn edge_error(overrides: &[&str]) -> f64 {
 
 #[test]
 fn distance_keeps_the_edges_of_a_swinging_tetrahedron() {
-    // Largest of 600 frames in the digest; its own run differs in the order of the edges, so 1.5 times is allowed.
+    // Greatest of 600 frames in the digest; its run has another order of the edges, so 1.5 times is
+    // allowed.
     for (iterations, digest) in [(1, 2.0e-3), (3, 1.0e-4), (10, 8.5e-8)] {
         let error = edge_error(&[&format!("iterations={iterations}")]);
         assert!(

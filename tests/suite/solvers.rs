@@ -8,7 +8,8 @@ use pliant::solvers::System;
 use crate::bodies::{batch, chain};
 use crate::tolerances::{T4, T9, T10, T11, T14, worst};
 
-/// A mass of 1 kg on a spring of `stiffness` [N/m] and rest length 10 m, let go 0.1 m too far along -z.
+/// A mass of 1 kg on a spring of `stiffness` [N/m] and rest length 10 m, released 0.1 m below its
+/// equilibrium along -z.
 fn oscillator(stiffness: f64) -> System {
     let mut system = chain(1, 10.0, |_| 1.0, 1.0 / stiffness, 1);
     system.particles.position[1].z = -10.1;
@@ -23,7 +24,7 @@ fn elongation(system: &System) -> f64 {
 fn p37_the_oscillator_converges_with_order_one() {
     let omega = 10.0_f64;
     let period = std::f64::consts::TAU / omega;
-    // A quarter of the period and a bit: where neither amplitude nor phase error vanishes.
+    // Slightly more than a quarter of the period, where neither amplitude nor phase error vanishes.
     let time = 0.3 * period;
     let error = |n: usize| {
         let mut system = oscillator(omega * omega);
@@ -36,7 +37,7 @@ fn p37_the_oscillator_converges_with_order_one() {
         worst(orders[1..].iter().map(|o| (o - 1.0).abs())) <= T4,
         "orders {orders:?}"
     );
-    // Control: an error that does not fall has no order.
+    // Control: an error that does not decrease has no order.
     assert!(!(worst([1.0_f64, 1.0].map(|r| (r.log2() - 1.0).abs())) <= T4));
 }
 
@@ -56,7 +57,7 @@ fn p39_one_substep_is_implicit_euler() {
             explicit.0 + h * explicit.1,
             explicit.1 - h * omega * omega * explicit.0,
         );
-        // Relative to the 10 m that the position is stored with.
+        // Relative to the 10 m of the stored position.
         assert!(
             (elongation(&system) - x).abs() <= 10.0 * T10,
             "step {step}: {} and {x}",
@@ -107,7 +108,8 @@ fn p39_energy_of_an_undamped_chain_never_rises() {
     for step in 0..200 {
         system.step(&[], 0.02).expect("finite");
         let now = energy(&system, stiffness, rest);
-        // The lengths of about 1 m are stored to an ulp, so energies to stiffness times that times the strain.
+        // Lengths of about 1 m are stored to an ulp, so energies to stiffness times that times the
+        // strain.
         assert!(
             now <= last * (1.0 + T11) + stiffness * T11 * 0.3,
             "step {step}: {last} to {now}"
@@ -118,7 +120,7 @@ fn p39_energy_of_an_undamped_chain_never_rises() {
         last < 0.5 * first && first > 0.1,
         "{first} to {last}: implicit Euler damps"
     );
-    // Control: a negative damping is seen.
+    // Control: a negative damping is detected.
     system.settings.velocity_factor = 1.1;
     let before = energy(&system, stiffness, rest);
     (0..50).for_each(|_| system.step(&[], 0.002).expect("finite"));
@@ -133,7 +135,7 @@ fn a_hanging_chain_comes_to_its_analytic_length() {
     let tip = |k: f64, damped: bool| {
         let mut system = chain(n, 0.05, |_| m, 1.0 / k, 200);
         system.settings.gravity = Vector3::new(0.0, 0.0, -g);
-        // Damping by a share of the velocity changes the way, not where it ends: it spares gravity.
+        // Damping of the velocity changes the path, not the equilibrium: it excludes gravity.
         system.settings.velocity_factor = if damped { 0.99 } else { 1.0 };
         (0..1500).for_each(|_| system.step(&[], 0.01).expect("finite"));
         -1.0 - system.particles.position[n].z
@@ -159,7 +161,8 @@ const ORDERS: [Order; 4] = [
     Order::Coloured,
 ];
 
-// A straight chain, where C is linear: turning edges make multipliers depend on the path, by about 1e-7 of the length.
+// A straight chain, where C is linear: rotating edges make multipliers depend on the path, by about
+// 1e-7 of the length.
 #[test]
 fn p40_a_taut_chain_has_one_solution_whatever_the_order() {
     let solve = |order: Order, ends: f64, bent: f64| {

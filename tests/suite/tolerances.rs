@@ -1,4 +1,4 @@
-//! The table of tolerances in `docs/verification.md` is that of [`pliant::testing::tolerances`].
+//! The table of tolerances in `docs/verification.md` equals [`pliant::testing::tolerances`].
 
 pub use pliant::testing::tolerances::*;
 

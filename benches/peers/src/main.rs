@@ -1,9 +1,11 @@
-//! One sweep of pliant beside one substep of rapier3d on the same mesh and elements, one thread, alternately.
+//! One sweep of pliant compared with one substep of rapier3d on the same mesh and elements, one
+//! thread, alternately.
 //!
-//! Both hold one end of a tube and let gravity bend the rest. A substep of rapier3d is what a second, third ... one adds
-//! to a step (its step also has work done once: broad phase, islands); the mean over a step of three is printed as well,
-//! with that work in it. Pliant's step is prediction, one sweep over all
-//! edges, hinges and the enclosed volume, and velocities.
+//! Both fix one end of a tube and bend the rest by gravity. The time of a rapier3d substep is the
+//! increment by a second, third ... substep (its step also has work that happens once: broad phase,
+//! islands). The mean over a step of three substeps is printed too, with that work included.
+//! Pliant's step is prediction, one sweep over all edges, hinges and the enclosed volume, and
+//! velocities.
 
 #[path = "../../measured/lines.rs"]
 mod lines;
@@ -21,7 +23,7 @@ use pliant::solvers::{Settings, System, stiffness};
 use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, Vector};
 
 const ROUNDS: usize = 40;
-/// Substeps of rapier3d in the longer step.
+/// Number of rapier3d substeps in the longer step.
 const SUBSTEPS: usize = 3;
 const GRAVITY: f64 = -0.5;
 const HELD: f64 = -0.98;

@@ -1,7 +1,8 @@
-//! Readers of pliant beside tobj, ply-rs-bw and stl_io, on the same bytes in one process, alternately, one thread.
+//! Readers of pliant compared with tobj, ply-rs-bw and stl_io, on the same bytes in one process,
+//! alternately, one thread.
 
 #[path = "../../read/files.rs"]
-// The peers read fewer formats than there are files of.
+// The peers read fewer formats than there are files.
 #[allow(dead_code)]
 mod files;
 
@@ -49,7 +50,7 @@ fn seconds(file: &File, read: fn(&[u8]) -> Counts, name: &str) -> f64 {
     time
 }
 
-/// Writes the files that `read.py` gives to other programs, and our best times beside them.
+/// Writes the files that `read.py` gives to other programs, with our best times.
 fn write(folder: &std::path::Path, torus: &Torus) -> std::io::Result<()> {
     let endings = [("OBJ", "obj"), ("PLY", "ply"), ("STL", "stl"), ("OFF", "off"), ("VTK", "vtk"), ("VTP", "vtp")];
     let mut times = String::from("file,bytes,seconds\n");
@@ -78,7 +79,7 @@ fn main() -> std::io::Result<()> {
     Ok(())
 }
 
-/// A file, a peer, and how it reads.
+/// A file, a peer, and its reader.
 type Pair = (File, &'static str, fn(&[u8]) -> Counts);
 
 fn compare() {

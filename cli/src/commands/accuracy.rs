@@ -1,4 +1,4 @@
-//! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
+//! `pliant accuracy`: the cost of accuracy in a scene, and the cheapest settings for it.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -47,7 +47,7 @@ pub(super) struct Arguments {
     set: Vec<String>,
 }
 
-/// A time with its unit; a bare number is seconds.
+/// Parses a time with its unit; a bare number is in seconds.
 fn duration(text: &str) -> Result<Duration, String> {
     let text = text.trim();
     let digits = text
@@ -64,14 +64,14 @@ fn duration(text: &str) -> Result<Duration, String> {
     let seconds: f64 = number
         .parse()
         .map_err(|_| "expected a time such as 60s".to_owned())?;
-    // A week is more than anyone waits for.
+    // A week is the limit.
     if !(seconds * scale > 0.0 && seconds * scale <= 604_800.0) {
         return Err("expected more than 0 s and at most 168 h".to_owned());
     }
     Ok(Duration::from_secs_f64(seconds * scale))
 }
 
-/// Says on standard error what is being measured; Ctrl-C stops it.
+/// Prints the progress on standard error; Ctrl-C stops the study.
 pub(super) struct Said<'a> {
     pub(super) stop: &'a AtomicBool,
 }

@@ -1,4 +1,4 @@
-//! Areas of a muscle as they are written on the command line, and the meshes that they name.
+//! Areas of a muscle from the command line, with their meshes.
 
 use std::path::{Path, PathBuf};
 
@@ -10,41 +10,41 @@ use pliant::muscles::attachments::component;
 use pliant::scene::units::{Dimension, UnitError, parse};
 use pliant::simulation::LoadError;
 
-/// An area as it is written.
+/// An area as written.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Written {
-    /// A patch, or one of its components.
+    /// A patch, or one component of it.
     Patch(PathBuf, Option<usize>),
     /// Vertices of the muscle.
     Vertices(Vec<u32>),
-    /// The same in a text file.
+    /// Vertices of the muscle in a text file.
     VerticesOf(PathBuf),
-    /// What is at most so far [m] from a bone.
+    /// All vertices within this distance [m] of a bone.
     Near(PathBuf, f64),
 }
 
-/// Why a text is no area.
+/// Error of a text that is no area.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(super) enum WrittenError {
-    /// Nothing, or no file where one is named.
+    /// The text is empty, or a file name is missing.
     #[error("`{0}` names no file")]
     NoFile(String),
     /// `near:` without a comma.
     #[error("`{0}` has no distance behind a comma, as near:BONE.obj,5mm")]
     NoDistance(String),
-    /// A distance that is none.
+    /// The distance is invalid.
     #[error("the distance in `{0}`: {1}")]
     Distance(String, UnitError),
-    /// A distance below zero.
+    /// The distance is negative.
     #[error("the distance in `{0}` is negative")]
     Negative(String),
-    /// What is behind `#` is no number.
+    /// The text after `#` is no number.
     #[error("`#{0}` is no component: give a number behind the `#`, 0 for the largest")]
     Component(String),
-    /// A list that does not end.
+    /// The list has no end.
     #[error("`{0}` begins a list that no `]` ends, as in [0,1,2]")]
     Open(String),
-    /// A word of a list that is no number.
+    /// A word of a list is no number.
     #[error("`{word}` in line {line} is no vertex: vertices are whole numbers, counted from 0")]
     Vertex {
         /// The word.
@@ -109,7 +109,7 @@ impl std::str::FromStr for Written {
     }
 }
 
-/// Vertices in a text, apart by spaces, commas or lines; `#` begins a remark.
+/// Vertices in a text, separated by spaces, commas or lines; `#` starts a comment.
 fn vertices(text: &str) -> Result<Vec<u32>, WrittenError> {
     let mut all = Vec::new();
     for (k, line) in text.lines().enumerate() {
@@ -147,26 +147,26 @@ pub(super) fn read_mesh(path: &Path, unit: f64) -> Result<TriangleMesh, Failure>
     Ok(mesh)
 }
 
-/// An area with the mesh or the list that it names.
+/// An area with its mesh or list.
 #[derive(Clone, Debug)]
 pub(super) enum Loaded {
     /// A patch.
     Patch(TriangleMesh),
     /// Vertices of the muscle.
     Vertices(Vec<u32>),
-    /// What is at most so far [m] from a bone.
+    /// All vertices within this distance [m] of a bone.
     Near(TriangleMesh, f64),
 }
 
 impl Written {
-    /// Reads an area as it is written behind `option`.
+    /// Parses an area after `option`.
     pub(super) fn of(option: &str, text: &str) -> Result<Self, Failure> {
         text.parse().map_err(|error: WrittenError| {
             Failure::usage(format!("{option}: {error}"), error.help())
         })
     }
 
-    /// Reads the files that it names, whose lengths are in `unit` [m].
+    /// Reads the files of the area, whose lengths are in `unit` [m].
     pub(super) fn load(&self, option: &str, unit: f64) -> Result<Loaded, Failure> {
         Ok(match self {
             Self::Vertices(list) => Loaded::Vertices(list.clone()),
@@ -210,7 +210,7 @@ fn no_component(option: &str, path: &Path, whole: &TriangleMesh, wanted: Option<
 }
 
 impl Loaded {
-    /// As the library takes it.
+    /// The area in the form of the library.
     pub(super) fn source(&self) -> AreaSource<'_> {
         match self {
             Self::Patch(patch) => AreaSource::Patch(patch),

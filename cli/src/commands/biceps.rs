@@ -1,4 +1,4 @@
-//! `pliant biceps`: the geometric muscle, at one length or over all that it may take.
+//! `pliant biceps`: the geometric muscle, at one length or over its whole range.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! `pliant check`: what is wrong with meshes, whether a simulation takes them, and what repairs them.
+//! `pliant check`: defects of meshes, their fitness for simulations, and repairs.
 
 mod checked;
 mod words;
@@ -60,7 +60,7 @@ pub(super) struct Arguments {
     printing: Printing,
 }
 
-/// The list of changes that goes with repaired meshes.
+/// The list of changes of repaired meshes.
 #[derive(Serialize)]
 struct Changes<'a> {
     pliant: &'static str,
@@ -124,7 +124,7 @@ fn exit_code(outcomes: &[Outcome]) -> u8 {
     }
 }
 
-/// What a repair may do, lengths in the unit of the files.
+/// Options of a repair, lengths in the unit of the files.
 fn options(arguments: &Arguments, unit: Option<f64>) -> Result<Options, Failure> {
     let merge_within = match (&arguments.merge_within, unit) {
         (Some(text), Some(unit)) => {
@@ -148,7 +148,7 @@ fn options(arguments: &Arguments, unit: Option<f64>) -> Result<Options, Failure>
     })
 }
 
-/// Where each repaired mesh goes; none without --repair. Nothing that was given is written over.
+/// The path of each repaired mesh; empty without --repair. Input files are never overwritten.
 fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
     let Some(folder) = &arguments.repair else {
         return Ok(Vec::new());
@@ -201,7 +201,7 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
     Ok(targets)
 }
 
-/// The name of a repaired mesh: its own, in a format that can be written.
+/// The name of a repaired mesh: its own, in a writable format.
 fn repaired_name(mesh: &Path) -> PathBuf {
     let name = PathBuf::from(mesh.file_name().unwrap_or(mesh.as_os_str()));
     let ending = name

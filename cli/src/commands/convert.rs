@@ -1,4 +1,4 @@
-//! `pliant convert`: a mesh in another format, or in another unit.
+//! `pliant convert`: conversion of a mesh to another format or unit.
 
 use std::path::PathBuf;
 
@@ -111,9 +111,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-/// A coordinate in another unit, rounded once: the smaller unit always divides.
+/// A coordinate in another unit, with one rounding: the factor is always at least 1.
 fn rescaled(coordinate: f64, from: f64, to: f64) -> f64 {
-    // Powers of ten below 1 are no exact doubles, their inverses are.
+    // Powers of ten below 1 are no exact doubles, but their inverses are.
     if from >= to {
         coordinate * (from / to).round_if_near()
     } else {
@@ -123,7 +123,7 @@ fn rescaled(coordinate: f64, from: f64, to: f64) -> f64 {
 
 /// A ratio of two units.
 trait Ratio {
-    /// The whole number, where rounding alone parts the ratio from it.
+    /// The nearest integer, if the difference is rounding error.
     fn round_if_near(self) -> f64;
 }
 

@@ -1,4 +1,4 @@
-//! An error of a mesh file with the place that it is about, read again from the file, for a person at a terminal.
+//! An error of a mesh file with the source line, read again from the file, for the terminal.
 
 use std::fmt;
 use std::fs::File;
@@ -12,13 +12,13 @@ use miette::{
 
 use pliant::io::{MAX_FILE_BYTES, Place, ReadError};
 
-/// Most characters of a line that are shown, around the column where it is known.
+/// Greatest number of displayed characters of a line, around the column if known.
 const SHOWN_CHARACTERS: usize = 100;
 
-/// Most bytes of binary data that are shown.
+/// Greatest number of displayed bytes of binary data.
 const SHOWN_BYTES: usize = 16;
 
-/// An error of reading, with what stands there if that can be read again.
+/// An error of reading with its source, if it can be read again.
 #[derive(Debug)]
 pub(super) struct Excerpt<'a> {
     error: &'a ReadError,
@@ -27,7 +27,7 @@ pub(super) struct Excerpt<'a> {
 }
 
 impl<'a> Excerpt<'a> {
-    /// Reads the place of an error again; what cannot be read is left out.
+    /// Reads the place of an error again; unreadable parts are left out.
     pub(super) fn of(error: &'a ReadError) -> Self {
         let mut excerpt = Self {
             error,
@@ -59,7 +59,7 @@ impl<'a> Excerpt<'a> {
 impl fmt::Display for Excerpt<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (&self.line, &self.bytes) {
-            // The line says where, and what was found.
+            // The line shows the place and the bytes found.
             (Some(_), _) => f.write_str(&self.error.message()),
             (None, Some(bytes)) => write!(f, "{}\n{bytes}", self.error),
             (None, None) => self.error.fmt(f),
@@ -94,16 +94,17 @@ impl Diagnostic for Excerpt<'_> {
 struct Line {
     file: String,
     text: String,
-    /// From 1.
+    /// Line number, from 1.
     number: usize,
-    /// The first character of the label, from 1, in the line of the file.
+    /// First character of the label, from 1, in the line of the file.
     column: usize,
     /// The label, in bytes of `text`.
     span: Range<usize>,
 }
 
 impl Line {
-    /// Reads a line, as readers of meshes count lines; `None` where the file has fewer, or the line is empty.
+    /// Reads a line, counted as in readers of meshes; `None` if the file has fewer, or the line is
+    /// empty.
     fn read(
         file: &str,
         number: usize,
@@ -117,7 +118,7 @@ impl Line {
             return Ok(None);
         }
         let (bytes, more) = characters(&mut reader, first..first + SHOWN_CHARACTERS)?;
-        // What is no character or would move the cursor takes one place, so that the label stays under its word.
+        // A control character takes one place, so that the label stays under its word.
         let printable = |c: char| {
             if c == '\t' {
                 ' '
@@ -145,7 +146,7 @@ impl Line {
                 .char_indices()
                 .nth(column - 1 - first)
                 .map(|(at, _)| at),
-            // An index that was looked up later is only known by its text.
+            // An index that was checked later is only known by its text.
             None => body.find(whole).filter(|_| !whole.is_empty()),
         };
         let length = match start {
@@ -186,20 +187,20 @@ impl SourceCode for Line {
     }
 }
 
-/// Opens a file for a second reading; what is no plain file gives its bytes only once.
+/// Opens a file for a second reading; other kinds of files give their bytes only once.
 fn open(path: &Path) -> io::Result<BufReader<io::Take<File>>> {
     if !std::fs::metadata(path)?.is_file() {
         return Err(io::Error::other("no plain file"));
     }
     let mut reader = BufReader::new(File::open(path)?.take(MAX_FILE_BYTES));
-    // The mark of UTF-8 is no part of the first line.
+    // The byte order mark of UTF-8 is not part of the first line.
     if reader.fill_buf()?.starts_with(b"\xef\xbb\xbf") {
         reader.consume(3);
     }
     Ok(reader)
 }
 
-/// Skips lines; a lone CR, a lone LF and the pair each end one. Tells whether there were as many.
+/// Skips lines; a lone CR, a lone LF and the pair each end one. Returns false if there are fewer.
 fn skip_lines(reader: &mut impl BufRead, mut count: usize) -> io::Result<bool> {
     let mut after_return = false;
     loop {
@@ -223,7 +224,7 @@ fn skip_lines(reader: &mut impl BufRead, mut count: usize) -> io::Result<bool> {
     }
 }
 
-/// The bytes of a range of characters of a line, and whether the line goes on.
+/// The bytes of a range of characters of a line, and whether the line continues.
 fn characters(reader: &mut impl BufRead, range: Range<usize>) -> io::Result<(Vec<u8>, bool)> {
     let (mut bytes, mut count) = (Vec::new(), 0);
     loop {
@@ -232,7 +233,8 @@ fn characters(reader: &mut impl BufRead, range: Range<usize>) -> io::Result<(Vec
             if matches!(byte, b'\r' | b'\n') {
                 return Ok((bytes, false));
             }
-            // A byte that goes on with a character of UTF-8 begins none; a file of nothing else must not fill memory.
+            // A continuation byte of UTF-8 starts no character; a file of nothing else must not
+            // fill the memory.
             count += usize::from(byte & 0xc0 != 0x80);
             if count > range.end || bytes.len() > 4 * SHOWN_CHARACTERS {
                 return Ok((bytes, true));
@@ -268,7 +270,7 @@ mod tests {
     use crate::commands::failure::graphical;
     use pliant::testing::Scratch;
 
-    /// What is shown of the error of a file of these bytes, with the folder left out.
+    /// The displayed error of a file with these bytes, without the folder.
     fn shown(name: &str, bytes: &[u8]) -> String {
         let path = Scratch::file(name);
         std::fs::write(&path, bytes).unwrap();
@@ -295,7 +297,7 @@ mod tests {
             "v 0 0 0\r\nv 1 0 0\rv 1 \u{e9} 2x 3\nf 1 2 3\n".as_bytes(),
         );
         assert_eq!(text, wanted);
-        // The mark of UTF-8 and tabs do not move the caret; the content is told of.
+        // The byte order mark of UTF-8 and tabs do not move the caret; the content is described.
         let marked = shown("b.ply", "\u{feff}v\t0 0 0\nv\t1\t1,5 3\n".as_bytes());
         assert!(
             marked.contains("x not a number; decimal comma? Write a point; the content is OBJ"),

@@ -1,4 +1,4 @@
-//! Why a command could not do its work, and how that is said.
+//! Failures of commands, with their display.
 
 use std::fmt;
 use std::io::IsTerminal;
@@ -11,28 +11,28 @@ use crate::report::folder::FolderError;
 use pliant::scene::SceneError;
 use pliant::simulation::LoadError;
 
-/// Why a command could not do its work.
+/// The reason why a command failed.
 #[derive(Debug)]
 pub(super) enum Failure {
-    /// The scene is wrong.
+    /// The scene is invalid.
     Scene(SceneError),
     /// A mesh cannot be used.
     Load {
-        /// Why.
+        /// The error.
         error: LoadError,
-        /// Whether a person wrote the scene that names it.
+        /// True if the user wrote the scene.
         written: bool,
     },
     /// The results cannot be written.
     Folder(FolderError),
-    /// Wrong input whose message says what to do.
+    /// Invalid input; the message contains the advice.
     #[cfg(feature = "viewer")]
     Told(String),
-    /// Anything else that is wrong with what was asked.
+    /// Any other invalid input.
     Usage {
-        /// What is wrong.
+        /// The error.
         message: String,
-        /// What to do.
+        /// Advice.
         hint: String,
     },
 }
@@ -67,7 +67,7 @@ impl Failure {
         }
     }
 
-    /// A mesh named on the command line that cannot be used.
+    /// A mesh from the command line cannot be used.
     pub(super) fn of_meshes(error: LoadError) -> Self {
         Self::Load {
             error,
@@ -85,7 +85,8 @@ impl Failure {
         }
     }
 
-    /// Says it on standard error: with the source and a caret to a person, in one line to a pipe.
+    /// Prints the failure on standard error: with the source and a caret on a terminal, in one line
+    /// on a pipe.
     pub(super) fn show(&self) {
         match self {
             Self::Scene(error) => say_with_source(&SceneDiagnostic::new(error), &self.terse()),
@@ -103,7 +104,7 @@ impl Failure {
         }
     }
 
-    /// In one line.
+    /// The failure in one line.
     pub(super) fn terse(&self) -> String {
         match self {
             Self::Scene(error) => error.terse(),
@@ -119,7 +120,7 @@ impl Failure {
     }
 }
 
-/// An error of a scene with the line of the scene and a caret.
+/// An error of a scene with the source line and a caret.
 #[derive(Debug)]
 struct SceneDiagnostic<'a> {
     error: &'a SceneError,
@@ -162,7 +163,7 @@ impl Diagnostic for SceneDiagnostic<'_> {
     }
 }
 
-/// With the source to a person, in one line to a pipe.
+/// Prints with the source on a terminal, in one line on a pipe.
 fn say_with_source(error: &dyn Diagnostic, terse: &str) {
     let text = if std::io::stderr().is_terminal() {
         graphical(error, &GraphicalReportHandler::new())
@@ -172,7 +173,7 @@ fn say_with_source(error: &dyn Diagnostic, terse: &str) {
     warn(text.as_deref().unwrap_or(terse));
 }
 
-/// An error as a person sees it; `None` if it cannot be shown like that.
+/// The error for a terminal; `None` if it cannot be displayed in that form.
 pub(super) fn graphical(
     error: &dyn Diagnostic,
     handler: &GraphicalReportHandler,

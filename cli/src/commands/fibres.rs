@@ -1,4 +1,4 @@
-//! `pliant fibres`: a muscle decomposed into fibres.
+//! `pliant fibres`: decomposition of a muscle into fibres.
 
 use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
@@ -31,15 +31,15 @@ use pliant::fibres::template::Template;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
 
-/// Muscles of animals are this long [m]; another length hints at a wrong unit.
+/// Plausible lengths of animal muscles [m]; another length suggests a wrong unit.
 const LENGTHS: [f64; 2] = [0.001, 5.0];
 
-/// What is done sooner shows nothing on its way.
+/// A shorter computation shows no progress.
 const SILENT: Duration = Duration::from_millis(500);
 
 /// The methods by their names.
 const METHODS: [&str; 4] = ["harmonic", "springs", "slices", "superficial"];
-/// Those that fill the muscle as a template is filled.
+/// Methods with a template.
 const BY_TEMPLATE: [&str; 2] = ["springs", "slices"];
 
 /// Fill a muscle with fibres from its origin to its insertion
@@ -120,7 +120,7 @@ fn share(text: &str) -> Result<f64, String> {
     number.ok_or_else(|| "expected a share from 0 to 1, such as 0.5".to_owned())
 }
 
-/// What was read.
+/// The input.
 struct Given {
     muscle: TriangleMesh,
     attachment: Attachment,
@@ -226,7 +226,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.output.finish(&Folder::open(&out)?, output)
 }
 
-/// Does what may take long: shown on standard error once it does, and stopped by Ctrl-C.
+/// Runs a possibly long computation: shows its progress on standard error after a while, and stops
+/// on Ctrl-C.
 fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(Going<'_>) -> T) -> T {
     let shown: OnceCell<Rounds> = OnceCell::new();
     let made = work(&|reached: Reached| {
@@ -244,7 +245,7 @@ fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(Going<'_>) -
     made
 }
 
-/// The template of a method that has one; what goes with another method is refused.
+/// The template of the method; rejects a template for other methods.
 fn template(arguments: &Arguments) -> Result<Option<(&'static str, Template)>, Failure> {
     if arguments.lines.is_some() && arguments.method != "superficial" {
         let hint = "add --method superficial";
@@ -279,7 +280,7 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
     let length = muscle.length();
     if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
         let note = format!("the muscle is {length:.3e} m long: is --unit right?");
-        // What is refused later on may be so because of it.
+        // The note can explain a later error.
         warn(&format!("note: {note}"));
         notes.push(note);
     }
@@ -314,7 +315,7 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
     })
 }
 
-/// The muscle as areas and lines know it.
+/// The muscle in the shape of the areas and lines.
 fn rest(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<TriangleMesh, Failure> {
     let rest = read_mesh(path, unit)?;
     if rest.triangles != muscle.triangles || rest.vertices.len() != muscle.vertices.len() {
@@ -358,7 +359,7 @@ fn registered(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<Registere
     })
 }
 
-/// One tendon for each fibre at each end whose patch lies off the muscle.
+/// One tendon per fibre at each end with a patch off the muscle.
 fn tendons_of(attachment: &Attachment, fibres: &[Vec<Point3<f64>>]) -> [Vec<Tendon>; 2] {
     let first: Vec<Point3<f64>> = fibres.iter().filter_map(|f| f.first().copied()).collect();
     let last: Vec<Point3<f64>> = fibres.iter().filter_map(|f| f.last().copied()).collect();
@@ -375,7 +376,7 @@ fn unusable(error: &AttachmentError) -> Failure {
     )
 }
 
-/// Why not, and the way out that this method leaves.
+/// The error, with an alternative to this method.
 fn undone(error: &MethodError) -> Failure {
     let hint = match error {
         MethodError::Flow(_) => "`pliant check` tells what is wrong with a mesh",

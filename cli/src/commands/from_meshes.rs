@@ -1,4 +1,4 @@
-//! A scene made of meshes named on the command line, without a scene file.
+//! A scene from meshes on the command line, without a scene file.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use pliant::scene::effects::EFFECTS;
 use pliant::scene::{Scene, Surroundings, parse_with};
 use pliant::simulation::Assets;
 
-/// A muscle is held where it is as near as this to a bone [mm].
+/// Distance from a bone within which a muscle is attached [mm].
 const NEAR_MM: f64 = 3.0;
 
-/// At most this share of a muscle is held by one bone [%], and by all together twice as much.
+/// Greatest share of a muscle that one bone holds [%]; for all bones together twice as much.
 const LIMIT_PERCENT: f64 = 5.0;
 
 /// Meshes to run without a scene file.
@@ -39,20 +39,20 @@ pub(super) struct Meshes {
     unit: Option<String>,
 }
 
-/// One muscle or bone of the scene being written.
+/// A muscle or bone of the scene.
 struct Named {
     name: String,
     path: String,
 }
 
 impl Meshes {
-    /// Whether meshes were named at all.
+    /// True if meshes are given.
     pub(super) fn are_given(&self) -> bool {
         !self.muscles.is_empty()
     }
 }
 
-/// The scene of these meshes with the changes of the command line applied, and its TOML without them.
+/// The scene of these meshes with the changes of the command line, and its TOML text without them.
 pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, String), Failure> {
     let Some(unit) = &meshes.unit else {
         let hint = "add the unit of their coordinates, for example --unit mm";
@@ -80,7 +80,7 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
         bones,
         fibres,
     };
-    // Only the meshes as they are can tell which bones hold which muscle.
+    // Only the unchanged meshes show which bones hold which muscle.
     let free = base.toml(&[]);
     let assets = Assets::load(&parse(&free, changes)?).map_err(Failure::of_meshes)?;
     let toml = base.toml(&holders(&assets));
@@ -122,7 +122,7 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
                 "rename it",
             ));
         };
-        // What a scene does not take in a name.
+        // Replaces characters that a scene does not accept in a name.
         let safe = |c: char| {
             if c.is_control() || r#"/\:*?"<>|"#.contains(c) {
                 '_'
@@ -147,7 +147,7 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
     Ok(all)
 }
 
-/// For each muscle the bones that some vertex of it is near to.
+/// The bones near each muscle.
 fn holders(assets: &Assets) -> Vec<Vec<usize>> {
     let surfaces: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
     let near = |muscle: &TriangleMesh, bone: &Surface| {
@@ -172,7 +172,7 @@ struct Written<'a> {
 }
 
 impl Written<'_> {
-    /// The scene as TOML; `holders` names the bones that hold each muscle.
+    /// The scene as TOML; `holders` are the bones of each muscle.
     fn toml(&self, holders: &[Vec<usize>]) -> String {
         let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
         let unit = text(self.unit);
@@ -193,7 +193,7 @@ impl Written<'_> {
                 "\n[[muscle]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"
             ));
             let held = holders.get(m).map_or(&[][..], Vec::as_slice);
-            // All together may hold a tenth of a muscle.
+            // All bones together can hold a tenth of a muscle.
             let limit = LIMIT_PERCENT.min(2.0 * LIMIT_PERCENT / held.len().max(1) as f64);
             for &b in held {
                 let bone = text(&self.bones[b].name);

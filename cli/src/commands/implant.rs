@@ -23,11 +23,11 @@ use pliant::skin::settle::Progress;
 use pliant::skin::together::{Group, grouped};
 use pliant::skin::{ImplantSpec, SkinError};
 
-/// The settling of a skin is said to go on every so many rounds.
+/// Number of rounds between two lines of progress.
 const SAY_EVERY: u32 = 10;
 
-/// An implant is tiny beside a skin of which it is less than this share, and skin is refined a lot where so many triangles were
-/// made of one: together they hint at a wrong unit.
+/// Greatest size of a small implant relative to the skin, and number of triangles per original one
+/// after much refinement: both together suggest a wrong unit.
 const SMALL: f64 = 0.01;
 const REFINED: usize = 10;
 
@@ -171,7 +171,7 @@ fn read(path: &std::path::Path, unit: f64) -> Result<TriangleMesh, Failure> {
     Ok(mesh)
 }
 
-/// How large the skin is beside its implants: a wrong unit is seen there.
+/// Prints the size of the skin and of its implants: it reveals a wrong unit.
 fn say_sizes(extent: f64, orders: &[ImplantSpec]) {
     let bases: Vec<String> = orders
         .iter()
@@ -188,7 +188,7 @@ fn say_sizes(extent: f64, orders: &[ImplantSpec]) {
     ));
 }
 
-/// Warns where an implant is tiny beside the skin, and the skin had to be refined a lot for it.
+/// Warns if an implant is small relative to the skin and needed much refinement.
 fn warn_of_small(extent: f64, skin: &TriangleMesh, groups: &[Group]) {
     for (ready, members) in groups {
         let (share, taken) = (
@@ -288,7 +288,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.output.finish(&Folder::open(&out)?, output)
 }
 
-/// A refusal of one of several implants, which is told by its number.
+/// The rejection of one of several implants, with its index.
 fn refused_of(k: usize, of: usize, error: &SkinError) -> Failure {
     if of == 1 {
         refused(error)
@@ -297,13 +297,13 @@ fn refused_of(k: usize, of: usize, error: &SkinError) -> Failure {
     }
 }
 
-/// After Ctrl-C, before anything was at rest.
+/// After Ctrl-C, before any equilibrium.
 fn nothing_written() -> u8 {
     warn("interrupted before any implant was at rest: nothing is written");
     INTERRUPTED
 }
 
-/// What came to rest.
+/// Equilibria.
 #[derive(Default)]
 struct Found {
     implants: Vec<(PreparedPatch, Inserted)>,
@@ -312,8 +312,8 @@ struct Found {
     interrupted: bool,
 }
 
-/// Brings all to rest: implants that share skin together, or the one of a wanted area, or of each of several volumes. After
-/// Ctrl-C what is there.
+/// Computes all equilibria: groups of implants that share skin, or the one with the requested area,
+/// or those of several volumes. After Ctrl-C returns the present results.
 fn settle(
     groups: Vec<Group>,
     questions: &[Question],
@@ -382,8 +382,9 @@ fn settle(
     Ok(found)
 }
 
-/// Volumes of the implants of a group that are known before anything is computed [m^3], one after the other, and the day of
-/// each. Those that are filled on other days keep what they have; before its first filling an implant is as flat as one may be.
+/// Volumes of the implants of a group that are known in advance [m^3], in order, with the day of
+/// each. Implants with other filling days keep their volume; before its first filling an implant is
+/// as flat as permitted.
 fn steps(questions: &[&Question], ready: &PreparedPatch) -> Vec<(Vec<f64>, Option<f64>)> {
     if let [one] = questions {
         return one

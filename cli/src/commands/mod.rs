@@ -1,6 +1,7 @@
-//! The command `pliant`: one file a command.
+//! The command `pliant`: one file per command.
 //!
-//! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
+//! Exit codes: 0 done; 1 completed, but the result fails; 2 invalid usage or input; 130 after
+//! Ctrl-C.
 
 mod accuracy;
 mod areas;
@@ -33,9 +34,9 @@ use clap::{Parser, Subcommand};
 
 /// Done.
 const DONE: u8 = 0;
-/// Ran, but the result fails.
+/// Completed, but the result fails.
 const FAILED: u8 = 1;
-/// Bad usage or input.
+/// Invalid usage or input.
 const BAD_INPUT: u8 = 2;
 /// Interrupted by Ctrl-C.
 const INTERRUPTED: u8 = 130;
@@ -94,12 +95,12 @@ enum Command {
     Implant(Box<implant::Arguments>),
 }
 
-/// Reads the command line and does what it says; the result is the exit code of the process.
+/// Runs the command line. Returns the exit code of the process.
 pub fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => {
-            // Nobody is left to be told if the output is closed.
+            // If the output is closed, nobody can read an error.
             let _ = error.print();
             return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
         }
@@ -131,18 +132,18 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Writes to standard output; a reader who has left (`| head`) is no error.
+/// Writes to standard output; a closed pipe (`| head`) is no error.
 fn say(text: &str) {
     let mut out = std::io::stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }
 
-/// Writes a line to standard error, as far as that can be done.
+/// Writes a line to standard error, if possible.
 fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Any result as JSON on standard output.
+/// Prints a result as JSON on standard output.
 fn say_json(value: &impl serde::Serialize) {
     say(&crate::report::output::json_text(value));
 }

@@ -1,4 +1,4 @@
-//! `pliant moment-arms`: fibres of muscles through the turn of a joint.
+//! `pliant moment-arms`: fibres of muscles during the rotation of a joint.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -26,7 +26,7 @@ use pliant::scene::units::{Dimension, parse};
 use pliant::simulation::{self, Observer, Scenario};
 use pliant_render::Frame;
 
-/// Points of the fibres of a muscle at most: each holds a number for every vertex.
+/// Greatest number of fibre points of a muscle: each stores a number per vertex.
 const MOST_POINTS: u64 = 20_000;
 
 /// Fibres of muscles through the turn of a joint: lengths and moment arms

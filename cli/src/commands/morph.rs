@@ -1,4 +1,4 @@
-//! `pliant morph`: from one closed surface to another.
+//! `pliant morph`: interpolation between two closed surfaces.
 
 mod pairs;
 
@@ -73,13 +73,13 @@ pub(super) struct Arguments {
     output: Output,
 }
 
-/// A surface of the command line, in the unit of the results.
+/// A surface from the command line, in the unit of the results.
 pub(super) struct Given {
     pub(super) mesh: TriangleMesh,
     pub(super) data: Vec<PointData>,
 }
 
-/// Reads a surface and the numbers at its vertices.
+/// Reads a surface with the numbers at its vertices.
 pub(super) fn read(path: &Path, scale: f64) -> Result<Given, Failure> {
     let failed = |e| Failure::of_meshes(LoadError::from(Box::new(e)));
     let mut mesh = io::read(path).map_err(failed)?.mesh;
@@ -107,7 +107,7 @@ pub(super) fn read(path: &Path, scale: f64) -> Result<Given, Failure> {
     })
 }
 
-/// The name of two files together.
+/// The common name of two files.
 pub(super) fn name_of(paths: [&Path; 2]) -> String {
     let stem = |p: &Path| {
         p.file_stem()
@@ -225,7 +225,7 @@ fn shapes(
     Ok(Some(all))
 }
 
-/// A refusal, with the file it is about and what to do.
+/// A rejection, with its file and advice.
 fn refused(
     error: &CorrespondenceError,
     paths: [&Path; 2],
@@ -277,7 +277,7 @@ fn refused(
     }
 }
 
-/// Where the vertex is that an error names first.
+/// Position of the first vertex of an error.
 fn place(error: &SphereError, mesh: &TriangleMesh) -> String {
     let vertex = match error {
         SphereError::Open { first, .. } => first[0],
@@ -296,7 +296,7 @@ fn place(error: &SphereError, mesh: &TriangleMesh) -> String {
         })
 }
 
-/// What to do about a surface that is no sphere.
+/// Advice for a surface that is no topological sphere.
 fn mend(error: &SphereError, path: &Path) -> String {
     let check = format!("`pliant check {} --repair DIR", path.display());
     match error {

@@ -1,4 +1,4 @@
-//! `pliant plan`: what a run will do, before it does it.
+//! `pliant plan`: the plan of a run.
 
 use serde::Serialize;
 
@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-/// What concerns no single muscle concerns all.
+/// A note without a muscle concerns all muscles.
 fn all(muscle: &str) -> String {
     if muscle.is_empty() {
         "(all)".to_owned()

@@ -1,4 +1,4 @@
-//! How far a run is: a bar on a terminal, a line now and then on a pipe.
+//! Progress of a run: a bar on a terminal, occasional lines on a pipe.
 
 use std::cell::Cell;
 use std::io::IsTerminal;
@@ -13,17 +13,17 @@ use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::Measures;
 use pliant::springs::rest::StepRecord;
 
-/// On a pipe, a line every so many frames.
+/// Number of frames between two lines on a pipe.
 const LINE_EVERY: usize = 50;
 
-/// Shows how far a run is, on standard error.
+/// Shows the progress of a run on standard error.
 pub(super) struct Progress {
     bar: Option<ProgressBar>,
     frames: usize,
 }
 
 impl Progress {
-    /// Of a run of so many frames.
+    /// Starts the progress of a run of `frames` frames.
     pub(super) fn new(frames: usize) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(frames as u64);
@@ -34,7 +34,7 @@ impl Progress {
         Self { bar, frames }
     }
 
-    /// A frame is done.
+    /// A frame is complete.
     pub(super) fn frame(&self, frame: usize, took: Duration, measures: &[Measures]) {
         let due = frame.is_multiple_of(LINE_EVERY) || frame == self.frames;
         if self.bar.is_none() && !due {
@@ -56,7 +56,7 @@ impl Progress {
         }
     }
 
-    /// The bar goes.
+    /// Removes the bar.
     pub(super) fn end(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -64,7 +64,7 @@ impl Progress {
     }
 }
 
-/// A bar over so many steps, drawn as a template of indicatif says; on a pipe none.
+/// A bar of `steps` steps with an indicatif template; `None` on a pipe.
 fn bar(steps: usize, template: &str) -> Option<ProgressBar> {
     std::io::stderr().is_terminal().then(|| {
         let style =
@@ -73,10 +73,10 @@ fn bar(steps: usize, template: &str) -> Option<ProgressBar> {
     })
 }
 
-/// On a pipe, a line about so often.
+/// Time between two lines on a pipe [s].
 const SECONDS_BETWEEN: f64 = 5.0;
 
-/// Shows how far a run to rest is, on standard error.
+/// Shows the progress of a run to rest on standard error.
 pub(super) struct Bar {
     bar: Option<ProgressBar>,
     steps: usize,
@@ -84,7 +84,7 @@ pub(super) struct Bar {
 }
 
 impl Bar {
-    /// Of a run of at most so many steps.
+    /// Starts the progress of a run of at most `steps` steps.
     pub(super) fn new(steps: usize) -> Self {
         let bar = bar(steps, "  {bar:30} {pos}/at most {len}  {msg}");
         Self {
@@ -94,7 +94,7 @@ impl Bar {
         }
     }
 
-    /// A step is done.
+    /// A step is complete.
     pub(super) fn step(&self, record: &StepRecord) {
         let text = || {
             format!(
@@ -116,7 +116,7 @@ impl Bar {
         }
     }
 
-    /// The bar goes.
+    /// Removes the bar.
     pub(super) fn end(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -124,7 +124,7 @@ impl Bar {
     }
 }
 
-/// Shows how far a run of equilibria is, on standard error.
+/// Shows the progress of a run of equilibria on standard error.
 pub(super) struct Rounds {
     bar: Option<ProgressBar>,
     frames: usize,
@@ -132,7 +132,7 @@ pub(super) struct Rounds {
 }
 
 impl Rounds {
-    /// Of a run of so many frames.
+    /// Starts the progress of a run of `frames` frames.
     pub(super) fn new(frames: usize) -> Self {
         let bar = bar(frames, "  {bar:30} {pos}/{len}  {msg}");
         Self {
@@ -142,7 +142,7 @@ impl Rounds {
         }
     }
 
-    /// On a bar, so many of so many are done.
+    /// Sets the bar to `done` of `of`.
     pub(super) fn reach(&self, done: usize, of: usize) {
         if let Some(bar) = &self.bar {
             bar.set_length(of as u64);
@@ -150,7 +150,7 @@ impl Rounds {
         }
     }
 
-    /// A frame is on its way.
+    /// A frame is in progress.
     pub(super) fn part(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.set_message(text.to_owned()),
@@ -158,7 +158,7 @@ impl Rounds {
         }
     }
 
-    /// A frame is done.
+    /// A frame is complete.
     pub(super) fn frame(&self, frame: usize, took: Duration) {
         match &self.bar {
             Some(bar) => bar.set_position(frame as u64),
@@ -178,7 +178,7 @@ impl Rounds {
         }
     }
 
-    /// The bar goes.
+    /// Removes the bar.
     pub(super) fn end(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

@@ -1,4 +1,4 @@
-//! `pliant register`: one surface onto another.
+//! `pliant register`: registration of one surface to another.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -15,7 +15,7 @@ use pliant::morph::register::icp::Select;
 use pliant::morph::register::whole::{Settings, register_surfaces};
 use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface};
 
-/// A start is searched among so many vertices of each surface at most; more make it no better.
+/// Greatest number of vertices of each surface in the search for a start; more do not improve it.
 const MOST: usize = 20_000;
 
 /// Lay one surface onto another: turned and moved, scaled, or bent

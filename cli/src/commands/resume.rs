@@ -1,4 +1,4 @@
-//! `pliant run --resume`: a run that goes on from the checkpoint in the folder of its results.
+//! `pliant run --resume`: continues a run from the checkpoint in the folder of its results.
 
 use std::path::Path;
 use std::time::Instant;
@@ -27,8 +27,8 @@ pub(super) fn read(folder: &Path) -> Result<Vec<u8>, Failure> {
 
 const BEGIN_ANEW: &str = "begin anew without --resume, which removes it with the other results";
 
-/// Puts `simulation`, which is at its start, where the checkpoint says, with all results up to there; also tells how
-/// often checkpoints were written.
+/// Restores `simulation`, which is at its start, to the checkpoint, with all results so far.
+/// Returns also the interval of the checkpoints.
 pub(super) fn go_on(
     folder: &Path,
     bytes: &[u8],

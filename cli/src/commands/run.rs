@@ -1,4 +1,4 @@
-//! `pliant run`: a scene from its start to its last frame, and the files of it.
+//! `pliant run`: runs a scene to its last frame and writes its files.
 
 mod staged;
 
@@ -25,7 +25,7 @@ use pliant::scene::{Accuracy, Content, Scene};
 use pliant::simulation::checkpoint::Fingerprint;
 use pliant::simulation::{self, Assets, Ended, LoadError, Observer, Plan, Simulation};
 
-/// The scene that runs when none is named.
+/// The default scene.
 const FIRST_SCENE: &str = "hip";
 
 /// Run a scene and write frames, measures, a summary and a report
@@ -105,7 +105,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
 }
 
-/// A scene of muscles; `written` is its text where nobody wrote it.
+/// Runs a scene of muscles; `written` is its text if it was generated.
 fn of_muscles(
     arguments: &Arguments,
     mut scene: Scene,
@@ -172,13 +172,13 @@ fn of_muscles(
     Ok(exit_code(&summary, arguments.strict))
 }
 
-/// Share of the time of a run, as the plan estimates it, for the study that chooses solver and settings.
+/// Share of the estimated time of a run for the study that selects solver and settings.
 const STUDY_SHARE: f64 = 0.5;
 
-/// The study takes at least and at most so long [s].
+/// Least and greatest time of that study [s].
 const STUDY_LIMITS: (f64, f64) = (5.0, 60.0);
 
-/// Chooses solver and settings for an accuracy and puts them into the scene; `None` after Ctrl-C.
+/// Selects solver and settings for an accuracy and sets them in the scene; `None` after Ctrl-C.
 fn choose(
     scene: &mut Scene,
     assets: &Assets,
@@ -214,7 +214,7 @@ fn choose(
     Ok(Some(chosen))
 }
 
-/// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
+/// Runs to the last frame, to Ctrl-C, or until every muscle has stopped.
 fn advance(
     simulation: &mut Simulation,
     results: Results,
@@ -229,7 +229,7 @@ fn advance(
     let until_raised = |_: &str, _: usize, _: usize| if_raised(stop);
     let ended = simulation::run(simulation, &mut [&mut shown], &until_raised);
     let Shown { mut results, bar } = shown;
-    // A writer that failed tells why when all is finished.
+    // The error of a failed writer is reported at the end.
     let _ = results.checkpoint(simulation, true);
     bar.end();
     Ok(results.finish(simulation, settings, ended == Ended::Interrupted, chosen)?)
@@ -254,7 +254,7 @@ impl Observer<Simulation> for Shown {
     }
 }
 
-/// What was asked for, for the report.
+/// The options, for the report.
 fn settings(arguments: &Arguments) -> Vec<(String, String)> {
     let scene = match arguments.meshes.are_given() {
         true => "scene.toml, made of the meshes named".to_owned(),
@@ -283,13 +283,13 @@ fn settings(arguments: &Arguments) -> Vec<(String, String)> {
     all
 }
 
-/// A flag that Ctrl-C raises, which says what happens then; a second Ctrl-C ends the process at once.
+/// A flag that Ctrl-C sets, with a message; a second Ctrl-C ends the process at once.
 pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let raised = stop.clone();
     let set = ctrlc::set_handler(move || {
         if raised.swap(true, Ordering::Relaxed) {
-            // Files appear whole or not at all, so that nothing is lost but what was not begun.
+            // Files appear only when complete, so only unfinished work is lost.
             std::process::exit(INTERRUPTED.into());
         }
         warn(&format!("{what}; press Ctrl-C again to stop at once"));
@@ -312,7 +312,7 @@ fn exit_code(summary: &Summary, strict: bool) -> u8 {
     }
 }
 
-/// What a person wants to know at the end.
+/// The final message for the user.
 fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
     let Summary {
         frames,

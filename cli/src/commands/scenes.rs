@@ -1,4 +1,4 @@
-//! `pliant scenes`: the scenes that need no file.
+//! `pliant scenes`: the built-in scenes.
 
 use serde::Serialize;
 
@@ -61,7 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         Some(Command::Show { name }) => match builtin(name) {
             Some(toml) if arguments.printing.json => say_json(&Shown { name, toml }),
             Some(toml) => say(toml),
-            // The error of loading it names the scenes that there are.
+            // The error of the loader lists the existing scenes.
             None => {
                 load(name, &[])?;
                 let hint = "`pliant scenes` lists those that need no file";

@@ -1,4 +1,4 @@
-//! `pliant springs`: a mass-spring system to rest.
+//! `pliant springs`: simulation of a mass-spring system to rest.
 
 mod built;
 mod nearing;
@@ -27,11 +27,11 @@ use pliant::springs::rest::{End, Rest, Settled, settle_by};
 use pliant::springs::stability::{Mode, Stiffest, limit, stiffest};
 use written::Record;
 
-/// Steps at most where nothing else is said; and without damping, where they only show how it swings.
+/// Default greatest number of steps; and the number without damping, which only shows oscillations.
 const STEPS: u32 = 10_000;
 const UNDAMPED_STEPS: u32 = 1000;
 
-/// Why it is not at rest without damping.
+/// The reason why there is no rest without damping.
 const NEVER: &str =
     "without damping it never comes to rest: give --damping, or leave it out for the estimate";
 
@@ -139,7 +139,7 @@ fn tolerance(text: &str) -> Result<f64, String> {
     )
 }
 
-/// Measures of a run.
+/// Results of a run.
 #[derive(Default, Serialize)]
 struct Summary {
     points: usize,
@@ -225,7 +225,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ));
         }
     };
-    // Of the shape at rest: where the surface is moved the springs inside are softer.
+    // For the shape at rest: the inner springs are softer where the surface is displaced.
     let stiffest = stiffest(&built.system);
     let Chosen {
         integrator,
@@ -236,7 +236,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     built.disturb(arguments.shrink, arguments.pin == "surface");
     let path = arguments.output.folder(&built.name, "springs");
     let mut record = Record::begin(Folder::open(&path)?, &built, arguments.every)?;
-    // These two damp by themselves.
+    // These two have numerical damping.
     let damps = ["bdf2", "implicit"].contains(&integrator.name());
     let undamped = !damps && built.system.damping == 0.0;
     if undamped {
@@ -287,7 +287,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.output.finish(record.folder(), output)
 }
 
-/// What a run found, but for times, the step and what was estimated.
+/// Results of a run except times, step and estimates.
 fn summary(
     arguments: &Arguments,
     built: &Built,
@@ -329,7 +329,7 @@ fn summary(
     }
 }
 
-/// What makes the steps.
+/// The integrator with its step.
 struct Chosen {
     integrator: Box<dyn Integrator>,
     /// Step [s].
@@ -338,7 +338,7 @@ struct Chosen {
     longest: Option<f64>,
 }
 
-/// The integrator and its step; refuses one that is too long.
+/// The integrator with its step; rejects a step that is too long.
 fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure> {
     let name = &arguments.integrator;
     let Some(integrator) = by_name(name) else {
@@ -353,7 +353,7 @@ fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure>
     } else {
         5.0 * limit(&Verlet::default(), stiffest)
     };
-    // Where nothing moves any step does.
+    // If nothing moves, any step is valid.
     let step = if step.is_finite() { step } else { 1.0 };
     let dt = arguments.dt.unwrap_or(step);
     if !(dt > 0.0) {

@@ -1,4 +1,5 @@
-//! `pliant study`: every combination of lists of values over a scene, in one table and on one sheet of pictures.
+//! `pliant study`: all combinations of lists of values over a scene, in one table and on one sheet
+//! of pictures.
 
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
@@ -78,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let folder =
         Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
-    // Longest first, so that none is left to run alone at the end.
+    // Longest first, so that none runs alone at the end.
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
     wanted.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
     let said = Said::new(&study, &wanted, stop.clone());
@@ -124,7 +125,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(if found.interrupted { INTERRUPTED } else { DONE })
 }
 
-/// What would be run.
+/// Prints the runs without running them.
 fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
     let all: f64 = wanted.iter().map(|&k| expected[k]).sum();
@@ -169,7 +170,7 @@ fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
     ));
 }
 
-/// Says on standard error how far a study is: a bar on a terminal, a line for each finished run.
+/// Prints the progress of a study on standard error: a bar on a terminal, a line per finished run.
 struct Said {
     stop: Arc<AtomicBool>,
     bar: Option<ProgressBar>,

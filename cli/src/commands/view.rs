@@ -1,4 +1,4 @@
-//! `pliant view`: a window on a running scene, or on a finished run.
+//! `pliant view`: a window with a running scene or a finished run.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use super::failure::Failure;
 #[cfg(feature = "viewer")]
 use pliant_viewer::{Pace, Recipe, Replay, Session, StartError, window};
 
-/// What is shown when nothing is named.
+/// The default scene.
 #[cfg(feature = "viewer")]
 const FIRST_SCENE: &str = "hip";
 
@@ -50,7 +50,7 @@ pub(super) struct Arguments {
     threads: super::options::Threads,
 }
 
-/// A width and a height.
+/// Parses a width and a height.
 fn size(text: &str) -> Result<(u32, u32), String> {
     let parts = text.split_once(['x', 'X']);
     let parsed = parts.and_then(|(w, h)| Some((w.trim().parse().ok()?, h.trim().parse().ok()?)));
@@ -60,7 +60,7 @@ fn size(text: &str) -> Result<(u32, u32), String> {
         .ok_or_else(|| "give width and height of 200 to 16384 pixels, such as 1280x800".to_owned())
 }
 
-/// Says that this build has no window.
+/// Reports that this build has no window.
 #[cfg(not(feature = "viewer"))]
 pub(super) fn run(_: &Arguments) -> Result<u8, Failure> {
     super::warn(
@@ -79,7 +79,7 @@ fn quietly(open: &mut dyn FnMut()) {
     std::panic::set_hook(hook);
 }
 
-/// Opens the window and returns when it is closed.
+/// Opens the window. Returns when it is closed.
 #[cfg(feature = "viewer")]
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.threads.start();

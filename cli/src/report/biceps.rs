@@ -1,4 +1,4 @@
-//! Files of a geometric muscle: mesh, picture, animation, table over all lengths.
+//! Files of a geometric muscle: mesh, picture, animation, table over its range of lengths.
 
 use std::io;
 use std::path::Path;
@@ -18,13 +18,13 @@ use pliant_render::{
 };
 use serde::Serialize;
 
-/// Lengths in the table.
+/// Number of lengths in the table.
 const ROWS: u32 = 100;
 /// Width and height of a picture \[px\].
 const SIZE: (u32, u32) = (800, 560);
 const FLESH: Rgb = [0.72, 0.25, 0.22];
 const BONE: Rgb = [0.35, 0.33, 0.30];
-/// Pictures an animation shows a second.
+/// Pictures per second of an animation.
 const RATE: f64 = 24.0;
 
 /// The volume is kept to this share.

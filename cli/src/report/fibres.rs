@@ -18,14 +18,14 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
 use pliant_render::PictureError;
 
-/// Farthest that an end may lie from its projected area [m].
+/// Greatest permitted distance of a fibre end from its projected area [m].
 pub const AT_AREA: f64 = 1e-5;
-/// Share of the volume that should lie within one mean spacing of a fibre.
+/// Least share of the volume within one mean spacing of a fibre.
 pub const COVERED: f64 = 0.95;
-/// Rows of the table of fibres in the report; fibres.csv has all.
+/// Number of rows of the table of fibres in the report; fibres.csv has all.
 const ROWS: usize = 100;
 
-/// The files that are written.
+/// The written files.
 pub const FILES: [&str; 9] = [
     "fibres.vtp",
     "muscle.vtp",
@@ -38,21 +38,21 @@ pub const FILES: [&str; 9] = [
     "report.html",
 ];
 
-/// Measures of the fibres of a muscle.
+/// Results of a decomposition.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     /// Name of the method.
     pub method: String,
-    /// Name of the template, of a method that has one.
+    /// Name of the template, if any.
     pub template: Option<String>,
-    /// Measures of the fibres.
+    /// Quality measures.
     #[serde(flatten)]
     pub quality: Quality,
     /// Time of the decomposition, without reading and projecting areas [s].
     pub decomposition_s: f64,
-    /// Vertices of the muscle.
+    /// Number of vertices of the muscle.
     pub vertices: usize,
-    /// Volume that it encloses, holes closed [m3].
+    /// Enclosed volume, with closed holes [m3].
     pub volume_m3: f64,
     /// Physiological cross-section: volume over mean length of the fibres [m2].
     pub cross_section_m2: f64,
@@ -64,17 +64,17 @@ pub struct Summary {
     pub origin_area_m2: f64,
     /// Area of the insertion on the muscle [m2].
     pub insertion_area_m2: f64,
-    /// Greatest distance of a vertex of the origin to what it was given by [m].
+    /// Greatest distance of a vertex of the origin to its given patch or bone [m].
     pub origin_distance_max_m: f64,
-    /// Greatest distance of a vertex of the insertion to what it was given by [m].
+    /// Greatest distance of a vertex of the insertion to its given patch or bone [m].
     pub insertion_distance_max_m: f64,
-    /// Lines on the surface that were followed.
+    /// Number of lines on the surface.
     pub lines: usize,
-    /// Greatest distance of a point of those lines to the surface before [m].
+    /// Greatest distance of a point of those lines to the surface before the registration [m].
     pub lines_distance_max_m: f64,
-    /// Passes of smoothing.
+    /// Number of passes of smoothing.
     pub smooth_steps: u32,
-    /// Share of the way that a point moves in a pass.
+    /// Share of the distance that a point moves in a pass.
     pub smooth_factor: f64,
 }
 
@@ -85,15 +85,15 @@ pub struct Bundle<'a> {
     pub name: &'a str,
     /// The muscle [m].
     pub muscle: &'a TriangleMesh,
-    /// Its areas.
+    /// Attachment areas.
     pub attachment: &'a Attachment,
     /// Each fibre from origin to insertion [m].
     pub fibres: &'a [Vec<Point3<f64>>],
-    /// One tendon for each fibre, or none, at the origin and at the insertion.
+    /// One tendon per fibre, or none, at the origin and at the insertion.
     pub tendons: &'a [Vec<Tendon>; 2],
-    /// Lines on the surface that were followed [m].
+    /// Registered lines on the surface [m].
     pub lines: &'a [Vec<Point3<f64>>],
-    /// What is measured of each fibre.
+    /// Measures of each fibre.
     pub each: &'a [FibreMeasures],
     /// Measures of all.
     pub summary: &'a Summary,
@@ -124,7 +124,7 @@ impl<'a> Bundle<'a> {
         all
     }
 
-    /// What is neither right nor wrong, but has to be known.
+    /// Findings that are neither right nor wrong.
     pub fn findings(&self) -> Vec<String> {
         let q = &self.summary.quality;
         let mut all = Vec::new();
@@ -153,7 +153,7 @@ impl<'a> Bundle<'a> {
         all
     }
 
-    /// The numbers in words.
+    /// The results as a table.
     pub fn table(&self) -> Table {
         let (s, q) = (self.summary, &self.summary.quality);
         let mm = |length: f64| format!("{} mm", number(1e3 * length));
@@ -309,7 +309,7 @@ impl<'a> Bundle<'a> {
         notes
     }
 
-    /// Fibres, then tendons, with what they are, as cell data.
+    /// Writes fibres, then tendons, with their kind as cell data.
     fn write_fibres(&self, path: &Path) -> io::Result<()> {
         let mut put = Polylines::default();
         for (k, (fibre, each)) in self.fibres.iter().zip(self.each).enumerate() {
@@ -343,7 +343,7 @@ impl<'a> Bundle<'a> {
         vtp::write_with_cells(path, &data, &cells)
     }
 
-    /// The muscle with its areas: 1 at triangles of the origin, 2 at those of the insertion.
+    /// Writes the muscle with its areas: 1 at triangles of the origin, 2 at those of the insertion.
     fn write_muscle(&self, path: &Path) -> io::Result<()> {
         let mut area = vec![0.0; self.muscle.triangles.len()];
         self.attachment
@@ -415,7 +415,7 @@ impl<'a> Bundle<'a> {
     }
 }
 
-/// Polylines with numbers, as they are written.
+/// Polylines with numbers, to be written.
 #[derive(Default)]
 struct Polylines {
     points: Vec<Point3<f64>>,
@@ -439,7 +439,7 @@ impl Polylines {
     }
 }
 
-/// Area of the triangles of an area of attachment [m2].
+/// Area of an attachment area [m2].
 pub fn size(muscle: &TriangleMesh, area: &Area) -> f64 {
     let triangles: Vec<[u32; 3]> = area
         .triangles

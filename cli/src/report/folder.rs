@@ -1,4 +1,4 @@
-//! The folder of a run's results: knows which files in it are its own, and touches no others.
+//! The folder of a run's results: lists its own files, and changes no others.
 
 use std::collections::HashSet;
 use std::fs::{self, File, OpenOptions};
@@ -10,57 +10,58 @@ use pliant::io::names::LIST;
 use pliant::io::write_whole;
 use pliant_render::PictureError;
 
-/// The file from which a run goes on.
+/// The file from which a run resumes.
 pub const CHECKPOINT: &str = "checkpoint.pliant";
 
-/// First line of the list; a file that begins otherwise is not ours.
+/// First line of the list; a file without it belongs to others.
 const HEADER: &str =
     "# Written by pliant. The next run into this folder removes the files listed here.";
 
-/// Endings of files that a run writes: nothing else is ever removed, whatever the list says.
+/// Extensions of files that a run writes: no other file is ever removed, for any content of the
+/// list.
 const ENDINGS: &[&str] = &[
     "vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "obj", "pliant",
 ];
 
-/// Folders that a run makes in its own.
+/// Subfolders that a run creates.
 const FOLDERS: &[&str] = &["frames", "runs"];
 
-/// Why results cannot be written.
+/// The reason why results cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
-    /// The path is taken by something else.
+    /// The path exists and is no folder.
     #[error("`{0}` is not a folder; name another with --out")]
     NotAFolder(PathBuf),
-    /// A file of somebody else is in the way.
+    /// A file that pliant did not write is in the way.
     #[error(
         "`{0}` is there and was not written by pliant; move it, or name another folder with --out"
     )]
     Foreign(PathBuf),
-    /// A run cannot go on without it.
+    /// A file is missing without which a run cannot resume.
     #[error("`{0}` is missing, and the run cannot go on without it; begin anew without --resume")]
     Missing(PathBuf),
-    /// A file of an earlier frame is not what was written.
+    /// A file of an earlier frame has changed.
     #[error(
         "`{0}` is not as pliant wrote it, and the run cannot go on without it; begin anew without --resume"
     )]
     Changed(PathBuf),
-    /// Nothing can be written there, which is known before anything is computed.
+    /// The folder is not writable; checked before any computation.
     #[error("`{path}` cannot be written to ({source}); name another folder with --out")]
     Unwritable {
-        /// The folder, or the nearest one above it that is there.
+        /// The folder, or its nearest existing parent.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The operating system refuses.
+    /// An error of the operating system.
     #[error("cannot write `{path}`: {source}")]
     Io {
-        /// What was to be written.
+        /// The path to be written.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// A picture cannot be made into bytes.
+    /// A picture cannot be encoded.
     #[error("a picture cannot be encoded: {0}")]
     Picture(#[from] PictureError),
     /// The thread that writes frames ended early.
@@ -68,7 +69,7 @@ pub enum FolderError {
     WriterEnded,
 }
 
-/// The folder that a path without words means.
+/// The current folder for an empty path.
 fn or_here(path: &Path) -> &Path {
     if path.as_os_str().is_empty() {
         Path::new(".")
@@ -98,20 +99,21 @@ struct Claimed {
 }
 
 impl Folder {
-    /// Makes the folder, or takes an old one and removes what an earlier run wrote into it.
+    /// Creates the folder, or takes an existing one and removes the files of an earlier run.
     ///
     /// # Errors
-    /// Something that is no folder, or what the operating system refuses.
+    /// A path that is no folder, or an error of the operating system.
     pub fn open(root: &Path) -> Result<Self, FolderError> {
         Self::open_keeping(root, &|_| false)
     }
 
-    /// Whether results could be written: looked at before anything is computed, and nothing is left behind.
+    /// Checks that results can be written, before any computation and without leaving a file.
     ///
     /// # Errors
-    /// Something that is no folder, a file of somebody else where one of `files` goes, or a folder that cannot be written to.
+    /// A path that is no folder, a foreign file at the path of one of `files`, or a folder that is
+    /// not writable.
     pub fn check(root: &Path, files: &[String]) -> Result<(), FolderError> {
-        // Below a symbolic link that leads nowhere there is no folder either.
+        // A symbolic link without a target is no folder either.
         let is_there = |p: &&Path| p.symlink_metadata().is_ok();
         let Some(nearest) = root.ancestors().map(or_here).find(is_there) else {
             return Ok(());
@@ -141,13 +143,13 @@ impl Folder {
         })
     }
 
-    /// As [`Self::open`], but files of an earlier run that `keep` wants, by their relative paths, stay and stay known as
-    /// our own.
+    /// The same as [`Self::open`], but files of an earlier run for which `keep` is true, by their
+    /// relative paths, stay in the list.
     ///
     /// # Errors
-    /// Something that is no folder, or what the operating system refuses.
+    /// A path that is no folder, or an error of the operating system.
     pub fn open_keeping(root: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Self, FolderError> {
-        // Nor can a folder lie below something that is none.
+        // A folder cannot lie below another kind of file.
         if let Some(taken) = root
             .ancestors()
             .find(|p| p.exists())
@@ -164,7 +166,8 @@ impl Folder {
             .cloned()
             .partition(|r| keep(r) && root.join(r).is_file());
         remove(root, &gone)?;
-        // The list is never without what is kept: a run that is killed here would leave files that nobody owns.
+        // The list always contains the kept files: after a kill here they would otherwise belong to
+        // nobody.
         let lines = || std::iter::once(HEADER).chain(kept.iter().map(String::as_str));
         let write = |w: &mut dyn Write| lines().try_for_each(|line| writeln!(w, "{line}"));
         match old {
@@ -187,11 +190,12 @@ impl Folder {
         })
     }
 
-    /// Takes the folder of a run that goes on: `frames` must be there, later frames go, and so does what `replaced` says
-    /// of the other files. Nothing is touched before all that must be there is seen to be.
+    /// Opens the folder of a run that resumes: `frames` must exist, later frames are removed, and
+    /// so are the other files for which `replaced` is true. Nothing changes before all necessary
+    /// files are found.
     ///
     /// # Errors
-    /// No folder of results, a frame that is missing, or what the operating system refuses.
+    /// No folder of results, a missing frame, or an error of the operating system.
     pub fn resume(
         root: &Path,
         frames: &HashSet<String>,
@@ -235,10 +239,11 @@ impl Folder {
         })
     }
 
-    /// Sorts the list at the end of a run, so that it does not tell in which order or how often the run went on.
+    /// Sorts the list at the end of a run, so that it does not depend on the order of writing or on
+    /// the number of resumes.
     ///
     /// # Errors
-    /// What the operating system refuses.
+    /// An error of the operating system.
     pub fn close(&self) -> Result<(), FolderError> {
         let mut claimed = self
             .claimed
@@ -253,15 +258,15 @@ impl Folder {
         Ok(())
     }
 
-    /// Where it is.
+    /// Path of the folder.
     pub fn path(&self) -> &Path {
         &self.root
     }
 
-    /// Writes a file of the folder whole; `relative` has `/` between folders.
+    /// Writes a complete file of the folder; `relative` has `/` between folders.
     ///
     /// # Errors
-    /// A foreign file of that name, or what the operating system refuses.
+    /// A foreign file of that name, or an error of the operating system.
     pub fn write(
         &self,
         relative: &str,
@@ -271,13 +276,14 @@ impl Folder {
         write_whole(&path, fill).map_err(refused(&path))
     }
 
-    /// The path of a file that the caller then writes by way of a part file; it is in the list from here on.
+    /// The path of a file that the caller then writes through a temporary file; adds it to the
+    /// list.
     ///
     /// # Errors
-    /// A foreign file of that name, or what the operating system refuses.
+    /// A foreign file of that name, or an error of the operating system.
     pub fn claim(&self, relative: &str) -> Result<PathBuf, FolderError> {
         let path = self.root.join(relative);
-        // A thread that panicked while it held the lock left at worst a name too many in the list.
+        // A thread that panicked with the lock left at worst a surplus name in the list.
         let mut claimed = self
             .claimed
             .lock()
@@ -291,7 +297,7 @@ impl Folder {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(refused(folder))?;
         }
-        // Listed before it exists, so that even a killed run can be cleaned up by the next.
+        // Listed before it exists, so that the next run can remove it even after a kill.
         let written = writeln!(claimed.list, "{relative}");
         written.map_err(refused(&self.root.join(LIST)))?;
         claimed.files.insert(relative.to_owned());
@@ -299,7 +305,7 @@ impl Folder {
     }
 }
 
-/// What the list of an earlier run names and a run may have written; `None` without a list.
+/// The paths in the list of an earlier run that a run may write; `None` without a list.
 fn listed(list_path: &Path) -> Result<Option<Vec<String>>, FolderError> {
     let text = match fs::read_to_string(list_path) {
         Ok(text) => text,
@@ -323,7 +329,7 @@ fn listed(list_path: &Path) -> Result<Option<Vec<String>>, FolderError> {
     ))
 }
 
-/// Removes files of the list, and what was half written of them.
+/// Removes files of the list and their temporary files.
 fn remove(root: &Path, files: &[String]) -> Result<(), FolderError> {
     for relative in files {
         let path = root.join(relative);
@@ -333,13 +339,13 @@ fn remove(root: &Path, files: &[String]) -> Result<(), FolderError> {
         gone(Path::new(&part))?;
     }
     for folder in FOLDERS {
-        // Goes only if it is empty, which is wanted.
+        // Removes the folder only if it is empty, as intended.
         let _ = fs::remove_dir(root.join(folder));
     }
     Ok(())
 }
 
-/// Removes a file that may be there.
+/// Removes a file if it exists.
 fn gone(path: &Path) -> Result<(), FolderError> {
     match fs::remove_file(path) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => Err(FolderError::Io {
@@ -362,7 +368,7 @@ fn write_list(path: &Path, files: &HashSet<String>) -> Result<(), FolderError> {
     written.map_err(refused(path))
 }
 
-/// Whether a path of the list can be one of ours: below the folder, with an ending that a run writes.
+/// True if a path of the list can belong to a run: below the folder, with a known extension.
 fn is_own(path: &Path) -> bool {
     let below = path.components().all(|c| matches!(c, Component::Normal(_)));
     let ending = path.extension().and_then(|e| e.to_str());
@@ -409,7 +415,7 @@ mod tests {
         assert!(root.join("runs/a.json").exists() && !root.join("runs/b.json").exists());
         assert!(!root.join("table.csv").exists());
         folder.write("runs/a.json", text("new")).unwrap();
-        // Wanted or not: it was never ours.
+        // Kept or not: the file was never ours.
         assert!(matches!(
             folder.write("runs/mine.json", text("x")),
             Err(FolderError::Foreign(_))
@@ -445,7 +451,7 @@ mod tests {
             folder.write(file, text("old")).unwrap();
         }
         drop(folder);
-        // Refused, nothing is lost.
+        // After a rejection nothing is lost.
         let more: HashSet<String> = frames
             .iter()
             .cloned()
@@ -485,7 +491,7 @@ mod tests {
         assert!(matches!(below, Err(FolderError::NotAFolder(path)) if path.ends_with("skin.vtp")));
         assert_eq!(fs::read_dir(&root).unwrap().count(), 1);
         fs::remove_file(root.join("skin.vtp")).unwrap();
-        // What an earlier run wrote is no obstacle.
+        // Files of an earlier run are no obstacle.
         Folder::open(&root)
             .unwrap()
             .write("skin.vtp", text("old"))
@@ -497,7 +503,7 @@ mod tests {
     #[cfg(target_os = "linux")]
     #[test]
     fn a_folder_that_nothing_can_be_written_to_is_known_before() {
-        // Not even root writes there.
+        // Not even root can write there.
         let refused = Folder::check(Path::new("/proc/pliant/out"), &[]);
         assert!(
             matches!(refused, Err(FolderError::Unwritable { path, .. }) if path == Path::new("/proc"))

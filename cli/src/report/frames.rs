@@ -1,4 +1,5 @@
-//! The frames of a run as files for ParaView, written on a thread of their own while the next frame is computed.
+//! The frames of a run as files for ParaView, written by a thread during the computation of the
+//! next frame.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -13,7 +14,7 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::simulation::measures::strain_at_vertices;
 use pliant::simulation::{BodyDescription, FrameState, SceneDescription};
 
-/// Frames that may wait for the writer; more would only cost memory.
+/// Greatest number of frames in the queue of the writer; more would only use memory.
 const WAITING: usize = 4;
 
 /// The file that shows a body in a frame.
@@ -26,26 +27,26 @@ pub fn stretch(body: &BodyDescription, x: &[Point3<f64>]) -> Vec<f64> {
     strain_at_vertices(&body.edges, x)
 }
 
-/// Which files show which frames, as they follow from the poses of the bones alone.
+/// The files of each frame, as determined by the poses of the bones alone.
 #[derive(Clone, Debug)]
 pub struct Listing {
     /// The files so far, for ParaView.
     pub collection: Collection,
-    /// Where each bone was last, and the file that shows it there.
+    /// The last pose of each bone, and its file.
     bones: Vec<Option<(Isometry3<f64>, String)>>,
 }
 
-/// The files of one frame: of each muscle and of its fibres, if it has any, and of the bones that moved.
+/// The files of one frame: of each muscle and its fibres, if any, and of the bones that moved.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Files {
-    /// Of each muscle, and of its fibres.
+    /// File of each muscle, and of its fibres.
     pub muscles: Vec<(String, Option<String>)>,
-    /// Of each bone; `None` where an earlier file shows it.
+    /// File of each bone; `None` if an earlier file shows it.
     pub bones: Vec<Option<String>>,
 }
 
 impl Files {
-    /// All of them.
+    /// All files.
     pub fn all(&self) -> impl Iterator<Item = &String> {
         let muscles = self
             .muscles
@@ -58,7 +59,7 @@ impl Files {
 }
 
 impl Listing {
-    /// Before the first frame.
+    /// The listing before the first frame.
     pub fn new(cast: &SceneDescription) -> Self {
         Self {
             collection: Collection::new(),
@@ -66,7 +67,7 @@ impl Listing {
         }
     }
 
-    /// Lists the next frame, at `time` [s] with bones at `poses`; returns the files that show it.
+    /// Adds the next frame, at `time` [s] with bones at `poses`. Returns its files.
     pub fn add(
         &mut self,
         cast: &SceneDescription,
@@ -98,7 +99,7 @@ impl Listing {
             files.muscles.push((file, fibres));
         }
         for (((name, _), pose), last) in cast.bones.iter().zip(poses).zip(bones) {
-            // A bone that has not moved since is not written again.
+            // A bone that has not moved is not written again.
             let file = match last {
                 Some((before, file)) if before == pose => {
                     list(name, file);
@@ -117,42 +118,43 @@ impl Listing {
     }
 }
 
-/// What the thread that writes is handed.
+/// A task of the writer thread.
 enum Job {
     Frame(Arc<FrameState>),
-    /// After all frames before it.
+    /// A checkpoint, written after all earlier frames.
     Checkpoint(Vec<u8>),
 }
 
-/// Writes frames, and checkpoints between them, on a thread of its own.
+/// Writes frames, and checkpoints between them, in its own thread.
 pub struct FrameWriter {
     sender: SyncSender<Job>,
     thread: JoinHandle<Result<Collection, FolderError>>,
 }
 
 impl FrameWriter {
-    /// Starts the thread; `listing` has the frames that are there already.
+    /// Starts the thread; `listing` contains the existing frames.
     pub fn start(folder: Arc<Folder>, cast: Arc<SceneDescription>, listing: Listing) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
         let thread = std::thread::spawn(move || write_all(&folder, &cast, &receiver, listing));
         Self { sender, thread }
     }
 
-    /// Hands a frame over; waits where the writer is behind. False once the writer has failed: then end the run and
-    /// ask [`Self::finish`] why.
+    /// Passes a frame to the writer; waits if the queue is full. Returns false after an error of
+    /// the writer: the caller should then end the run and call [`Self::finish`] for the error.
     pub fn push(&self, snapshot: Arc<FrameState>) -> bool {
         self.sender.send(Job::Frame(snapshot)).is_ok()
     }
 
-    /// Hands a checkpoint over, to be written when all frames before it are; as [`Self::push`].
+    /// Passes a checkpoint to the writer, for writing after all earlier frames; otherwise as
+    /// [`Self::push`].
     pub fn push_checkpoint(&self, bytes: Vec<u8>) -> bool {
         self.sender.send(Job::Checkpoint(bytes)).is_ok()
     }
 
-    /// Waits for the last frame, and tells which files there are.
+    /// Waits for the last frame. Returns the list of files.
     ///
     /// # Errors
-    /// What kept a frame from being written.
+    /// The error of the writer.
     pub fn finish(self) -> Result<Collection, FolderError> {
         drop(self.sender);
         self.thread.join().unwrap_or(Err(FolderError::WriterEnded))
@@ -168,7 +170,7 @@ fn write_all(
     for job in jobs {
         match job {
             Job::Frame(snapshot) => write_frame(folder, cast, &snapshot, &mut listing)?,
-            // What a checkpoint counts on must not be lost where it is not.
+            // The data of a checkpoint must be safe on the disk.
             Job::Checkpoint(bytes) => folder.write(CHECKPOINT, |w| {
                 w.write_all(&bytes)?;
                 w.flush()?;

@@ -1,4 +1,5 @@
-//! What a run gathered up to a frame: kept beside its checkpoint, so that tables, pictures and times go on where it stopped.
+//! The accumulated results of a run up to a frame, stored with its checkpoint so that tables,
+//! pictures and times continue.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -17,19 +18,19 @@ use pliant::state::{DecodeError, Reader, Writer};
 /// Seconds and calls of the effects on one muscle, by name.
 type Clock = Vec<(String, (f64, u64))>;
 
-/// What a run gathered up to the frame of its checkpoint.
+/// Accumulated results up to the frame of a checkpoint.
 #[derive(Clone, Debug)]
 pub struct Gathered {
-    /// Frames from one checkpoint to the next.
+    /// Number of frames between checkpoints.
     pub every: usize,
-    /// Time so far, with all reading, and of it that of making ready [s].
+    /// Time so far, including reading, and the part for the preparation [s].
     pub times_s: (f64, f64),
     clocks: Vec<Clock>,
     measures: Vec<Measures>,
     times: Vec<FrameTimes>,
 }
 
-/// The bytes of what a run gathered, for [`Gathered::open`].
+/// The bytes of the accumulated results, for [`Gathered::open`].
 pub fn save(
     simulation: &Simulation,
     record: &Record,
@@ -55,10 +56,10 @@ pub fn save(
 }
 
 impl Gathered {
-    /// What [`save`] wrote when `simulation` was at the frame where it is now.
+    /// Reads the bytes of [`save`]; `simulation` must be at the same frame as then.
     ///
     /// # Errors
-    /// It is of another simulation or another frame, or damaged.
+    /// The bytes belong to another simulation or frame, or are damaged.
     pub fn open(bytes: &[u8], simulation: &Simulation) -> Result<Self, DecodeError> {
         let mut from = Reader::new(bytes);
         let every = from.take()?;
@@ -93,7 +94,7 @@ impl Gathered {
         })
     }
 
-    /// The record so far; clocks of `simulation` go on from where they were.
+    /// The record so far; the clocks of `simulation` continue from it.
     pub(super) fn record(self, simulation: &mut Simulation) -> Record {
         for (body, clock) in simulation.bodies.iter_mut().zip(self.clocks) {
             let known = clock
@@ -104,7 +105,8 @@ impl Gathered {
         Record::going_on(simulation, self.measures, self.times)
     }
 
-    /// The shots of the frames so far: of the start and of the last as at hand, of others from their files in `root`.
+    /// The shots of the frames so far: the start and the last from memory, others from their files
+    /// in `root`.
     pub(super) fn shots(
         &self,
         cast: &SceneDescription,
@@ -117,7 +119,7 @@ impl Gathered {
         let count = simulation.bodies.len().max(1);
         for frame in 0..=simulation.frame() {
             let measures = &self.measures[(frame * count).min(self.measures.len())..];
-            // Which frames are shown follows from their numbers and measures.
+            // The frame numbers and measures decide which frames are shown.
             shots.add(
                 &Arc::new(simulation.state_of_bones(frame)),
                 &measures[..count.min(measures.len())],
@@ -140,7 +142,7 @@ impl Gathered {
     }
 }
 
-/// A frame from its files. They hold no velocities, and no picture shows any.
+/// A frame from its files. They contain no velocities, and no picture shows any.
 fn read(
     cast: &SceneDescription,
     simulation: &Simulation,
@@ -166,7 +168,7 @@ fn read(
     Ok(snapshot)
 }
 
-/// The list of the frames so far, and all files that show them.
+/// The list of the frames so far, and all their files.
 pub(super) fn listing(
     cast: &SceneDescription,
     simulation: &Simulation,

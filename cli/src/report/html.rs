@@ -7,30 +7,30 @@ use super::plot::LinePlot;
 use super::table::Table;
 use super::turntable::{self, Turntable};
 
-/// Everything that a report shows.
+/// The contents of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Report {
     /// The heading.
     pub title: String,
-    /// A line below it.
+    /// Subtitle.
     pub subtitle: String,
     /// Results of checks.
     pub verdict: Vec<Verdict>,
-    /// What was found and is neither right nor wrong, below the checks.
+    /// Findings that are neither right nor wrong, below the checks.
     pub findings: Vec<String>,
     /// Caption and bytes (PNG or GIF) of each picture, shown side by side.
     pub pictures: Vec<(String, Vec<u8>)>,
-    /// Caption and bytes of each picture that needs the whole width, one below the other.
+    /// Caption and bytes of each picture of full width, one below the other.
     pub sheets: Vec<(String, Vec<u8>)>,
-    /// Pictures behind a slider.
+    /// Pictures with a slider.
     pub turntable: Option<Turntable>,
-    /// Heading over the plots; "Over the run" where it is empty.
+    /// Heading of the plots; "Over the run" if empty.
     pub plots_title: String,
     /// Plots, two in a row.
     pub plots: Vec<LinePlot>,
     /// Tables, one below the other.
     pub tables: Vec<Table>,
-    /// Remarks, at the end.
+    /// Notes at the end.
     pub notes: Vec<String>,
 }
 
@@ -74,11 +74,12 @@ th{color:var(--soft);font-weight:600;font-size:13px}
 ";
 
 impl Report {
-    /// The report as one self-contained HTML file: nothing loaded from elsewhere, no script but that of the turn-table, every
-    /// text escaped, light or dark as the reader's system is. The same bytes for the same report.
+    /// The report as one self-contained HTML file: it loads nothing, has no script except that of
+    /// the turntable, escapes every text, and is light or dark like the reader's system. Equal
+    /// reports give equal bytes.
     pub fn to_html(&self) -> String {
         let title = escape(&self.title);
-        // Should an escape ever fail, the browser still runs nothing else and loads nothing.
+        // Even if an escape failed, the browser would run and load nothing else.
         let (script, style) = match self.turntable {
             Some(_) => (turntable::POLICY, turntable::STYLE),
             None => ("", ""),
@@ -153,7 +154,7 @@ impl Report {
             html,
             "<p class=\"sum {class}\">{sum}</p>\n<ul class=\"card checks\">"
         );
-        // What failed is what the reader has to know first.
+        // Failures come first.
         let (failed, passed): (Vec<_>, Vec<_>) = self.verdict.iter().partition(|v| !v.passed);
         for verdict in failed.into_iter().chain(passed) {
             let (class, mark) = if verdict.passed {
@@ -178,7 +179,7 @@ impl Report {
     }
 }
 
-/// Pictures in a grid of a class.
+/// Writes pictures in a grid with a class.
 fn write_pictures(html: &mut String, class: &str, pictures: &[(String, Vec<u8>)]) {
     if pictures.is_empty() {
         return;
@@ -225,7 +226,7 @@ fn write_table(html: &mut String, table: &Table) {
     html.push_str("</table></div>\n");
 }
 
-/// A text as it may stand in HTML or SVG, in an element or in a quoted attribute.
+/// A text escaped for HTML or SVG, in an element or in a quoted attribute.
 pub(super) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {

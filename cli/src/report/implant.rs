@@ -20,61 +20,61 @@ use pliant::skin::whole::Whole;
 use pliant::skin::{Areas, Interval};
 use pliant_render::PictureError;
 
-/// What one of several volumes of an implant does.
+/// Results for one of several volumes of an implant.
 #[derive(Clone, Copy, Debug)]
 pub struct Point {
-    /// The implant, from 1; the first of those that share skin.
+    /// Index of the implant, from 1; the first of those that share skin.
     pub implant: usize,
-    /// The day of its filling.
+    /// Day of the filling.
     pub day: Option<f64>,
-    /// Its volume, of several that share skin of all of them [m^3].
+    /// Volume [m^3]; for implants that share skin the total.
     pub volume: f64,
-    /// The areas.
+    /// Areas.
     pub areas: Areas,
-    /// How they were found.
+    /// State of the solution.
     pub progress: Progress,
 }
 
-/// What was done.
+/// Results of an insertion.
 #[derive(Debug)]
 pub struct Insertion<'a> {
     /// Name of the skin.
     pub name: String,
     /// The skin as read [m].
     pub skin: &'a TriangleMesh,
-    /// Implants, those that share skin together.
+    /// Implants, in groups that share skin.
     pub implants: Vec<(PreparedPatch, Inserted)>,
-    /// The numbers of these implants, from 0.
+    /// Indices of these implants, from 0.
     pub numbers: Vec<Vec<usize>>,
-    /// Meshes that the implants rest on [m].
+    /// Meshes below the implants [m].
     pub obstacles: &'a [TriangleMesh],
-    /// What several volumes of an implant do.
+    /// Results for several volumes of an implant.
     pub curve: Vec<Point>,
     /// Stretch above which skin counts as stretched too far.
     pub limit: f64,
-    /// Whether it was interrupted, so that implants or volumes that were asked for are missing.
+    /// True if an interruption left out requested implants or volumes.
     pub interrupted: bool,
-    /// The gain that was asked for [m^2].
+    /// Requested gain [m^2].
     pub wanted: Option<f64>,
-    /// Time of all of it [s].
+    /// Total time [s].
     pub time: f64,
     /// What lies under the skin, `implant` or `ball`, in captions.
     pub under: &'static str,
 }
 
-/// One implant, and the skin that it may share with others.
+/// One implant, with the skin that it can share with others.
 struct Single<'a> {
-    /// From 0.
+    /// Index, from 0.
     number: usize,
     order: &'a ImplantSpec,
     frame: &'a Isometry3<f64>,
     ready: &'a PreparedPatch,
     done: &'a Inserted,
-    /// Which of all regions its skin is.
+    /// Index of the region of its skin.
     region: usize,
-    /// None of a ball.
+    /// `None` for a ball.
     shell: Option<&'a Shell>,
-    /// Numbers of those that share its skin, from 1.
+    /// Indices of the implants that share its skin, from 1.
     shares: Vec<usize>,
 }
 
@@ -89,7 +89,8 @@ pub(super) fn json_of(areas: &Areas) -> Value {
     })
 }
 
-/// Decimals of an area in cm2 that rests on a published span of a gain [m^2]: two digits of the gain at most.
+/// Number of decimals of an area in cm2 that depends on a published interval of a gain [m^2]: at
+/// most two digits of the gain.
 fn decimals(gain: f64) -> usize {
     match (gain * 1e4).abs() {
         gain if gain >= 10.0 => 0,
@@ -106,7 +107,7 @@ pub(super) fn joined(mut first: Value, second: Value) -> Value {
     first
 }
 
-/// What the table tells of an implant.
+/// The text of a table row for an implant.
 type Told = fn(&Single<'_>) -> String;
 
 /// The rows of the table of implants, which has a column for each.
@@ -134,30 +135,30 @@ const ROWS: [(&str, Told); 11] = [
     ("at rest", |one| one.done.progress.rest().to_owned()),
 ];
 
-/// Skin that is shown.
+/// Skin for pictures.
 #[derive(Debug)]
 pub(super) struct Shown {
-    /// Before, patches in it.
+    /// The skin before, with its patches.
     pub whole: Whole,
-    /// As it comes to lie.
+    /// The skin at equilibrium.
     pub skin: TriangleMesh,
     /// The greatest stretch at each vertex.
     pub stretch: Vec<f64>,
 }
 
 impl Single<'_> {
-    /// Its volume [m^3].
+    /// Volume [m^3].
     fn volume(&self) -> f64 {
         self.shell.map_or(0.0, |shell| shell.volume)
     }
 
-    /// The pressure in it [Pa].
+    /// Pressure [Pa].
     fn pressure(&self) -> f64 {
         self.shell
             .map_or(self.done.progress.pressure, |shell| shell.pressure)
     }
 
-    /// Its shell as it lies; empty for a ball.
+    /// The shell at equilibrium; empty for a ball.
     fn mesh(&self) -> TriangleMesh {
         self.shell
             .map_or_else(TriangleMesh::default, |shell| TriangleMesh {
@@ -168,7 +169,7 @@ impl Single<'_> {
 }
 
 impl Insertion<'_> {
-    /// Each implant by its number.
+    /// Each implant in the order of its index.
     fn each(&self) -> Vec<Single<'_>> {
         let mut all = Vec::new();
         for (region, ((ready, done), numbers)) in
@@ -196,7 +197,7 @@ impl Insertion<'_> {
         all
     }
 
-    /// The number of an implant, from 1, with those that share its skin.
+    /// The index of an implant, from 1, with those that share its skin.
     fn called(&self, implant: usize) -> String {
         let own = self
             .numbers
@@ -212,7 +213,7 @@ impl Insertion<'_> {
             .join(" and ")
     }
 
-    /// What the gain may be off because of the mesh [m^2]; `None` where that is not known of each.
+    /// Uncertainty of the gain from the mesh [m^2]; `None` if unknown for one of them.
     pub fn gain_uncertainty(&self) -> Option<f64> {
         self.implants
             .iter()
@@ -225,12 +226,12 @@ impl Insertion<'_> {
         self.implants.iter().map(|(_, done)| done.volume()).sum()
     }
 
-    /// Areas of all implants together.
+    /// Total areas of all implants.
     pub fn areas(&self) -> Areas {
         self.implants.iter().map(|(_, done)| done.areas).sum()
     }
 
-    /// Whether all came to rest.
+    /// True if all parts reached their equilibrium.
     pub fn converged(&self) -> bool {
         self.implants
             .iter()
@@ -264,7 +265,7 @@ impl Insertion<'_> {
         cut.into_iter().chain(shown).chain(curve).collect()
     }
 
-    /// What was found that is neither right nor wrong: skin that is stretched far.
+    /// Findings that are neither right nor wrong: highly stretched skin.
     pub fn findings(&self) -> Vec<String> {
         let (area, limit) = (self.over_limit(), self.limit);
         vec![if area > 0.0 {
@@ -279,7 +280,7 @@ impl Insertion<'_> {
         self.implants.iter().map(|(ready, _)| of(ready)).sum()
     }
 
-    /// Measures of areas, volumes and each implant.
+    /// The JSON of `--json`.
     pub fn to_json(&self) -> Value {
         let each = self.each().into_iter().map(|one| {
             let (volume, pressure) = (one.volume(), one.pressure());
@@ -344,7 +345,7 @@ impl Insertion<'_> {
         joined(json_of(&self.areas()), all)
     }
 
-    /// What a surgeon reads.
+    /// The table for the surgeon.
     pub fn table(&self) -> Table {
         let areas = self.areas();
         let mut table = Table::new("Areas and volumes", ["what", "value", "gain", "source"]);
@@ -426,7 +427,7 @@ impl Insertion<'_> {
         table
     }
 
-    /// How it was found.
+    /// The table of the solution.
     pub fn run_table(&self) -> Table {
         let each = self.each();
         let heads = each.iter().map(|one| format!("implant {}", one.number + 1));
@@ -437,7 +438,7 @@ impl Insertion<'_> {
         table
     }
 
-    /// Area before of what is stretched beyond the limit [m^2].
+    /// Initial area of the skin that is stretched beyond the limit [m^2].
     pub(super) fn over_limit(&self) -> f64 {
         let of = |(ready, done): &(PreparedPatch, Inserted)| {
             let layers = &ready.layers;
@@ -455,7 +456,8 @@ impl Insertion<'_> {
         self.implants.iter().map(of).sum()
     }
 
-    /// The curve of areas over volumes, or over days, of the first implant that has one; of a single point the table tells all.
+    /// The curve of areas over volumes, or over days, of the first implant with one; `None` for a
+    /// single point.
     pub fn plot(&self) -> Option<LinePlot> {
         let of = |implant: usize| {
             self.curve
@@ -488,7 +490,7 @@ impl Insertion<'_> {
         )
     }
 
-    /// What each volume does, as a surgeon reads it.
+    /// The table of the volumes for the surgeon.
     fn curve_table(&self) -> Option<Table> {
         let head = [
             "implant",
@@ -567,7 +569,7 @@ impl Insertion<'_> {
         DataFile::new("curve.csv", columns, self.curve.iter().map(row))
     }
 
-    /// The files that results of so many implants have, with those of a curve.
+    /// The files of results with this number of implants, with those of a curve.
     pub fn files(implants: usize, curve: bool) -> Vec<String> {
         let fixed = [
             "skin.vtp",
@@ -661,7 +663,7 @@ impl Insertion<'_> {
         vtp::write(path, &data)
     }
 
-    /// The whole skin before and as it comes to lie.
+    /// The whole skin before and at equilibrium.
     pub(super) fn shown(&self) -> Shown {
         let ready: Vec<&PreparedPatch> = self.implants.iter().map(|(ready, _)| ready).collect();
         let whole = Whole::of(self.skin, &ready);

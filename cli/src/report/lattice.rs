@@ -1,4 +1,4 @@
-//! What is told of a lattice that is dragged and let go.
+//! Results of a lattice that is displaced and released.
 
 use serde_json::json;
 
@@ -10,10 +10,10 @@ use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::lattice::LatticeRun;
 use pliant::springs::Neighbours;
 
-/// A lattice that keeps its shape comes back to this share of its spacing.
+/// Greatest distance from its start, relative to the spacing, of a lattice that keeps its shape.
 const BACK: f64 = 0.01;
 
-/// Whether it was let go.
+/// True if the lattice was released.
 fn is_free(run: &LatticeRun) -> bool {
     run.frame() > run.scene.release
 }

@@ -1,8 +1,9 @@
-//! Reports for people: tables on the terminal, line plots as SVG, and one HTML file that holds everything; and the
+//! Reports: tables on the terminal, line plots as SVG, and one HTML file with everything; and the
 //! files of a run.
 //!
-//! Plain data in, text out: a [`Report`] knows nothing of simulations. Every string is escaped; the HTML runs no script
-//! but that of a turn-table and loads nothing from elsewhere. What turns a run into files and into a report is in the public modules.
+//! Data in, text out: a [`Report`] is independent of simulations. Every string is escaped. The HTML
+//! has no script except that of a turntable, and loads nothing. The public modules convert a run to
+//! files and to a report.
 
 pub mod biceps;
 pub mod fibres;

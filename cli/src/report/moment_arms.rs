@@ -22,7 +22,7 @@ use pliant_render::{
 /// Width and height of a picture \[px\].
 const SIZE: (u32, u32) = (620, 620);
 const BONE: Rgb = [0.86, 0.83, 0.76];
-/// Colours of muscles, one after the other, that all eyes tell apart.
+/// Colours of muscles, in order, distinguishable with any colour vision.
 const MUSCLES: [Rgb; 5] = [
     [0.80, 0.33, 0.22],
     [0.17, 0.45, 0.75],
@@ -30,27 +30,27 @@ const MUSCLES: [Rgb; 5] = [
     [0.60, 0.40, 0.60],
     [0.75, 0.58, 0.05],
 ];
-/// Room around the muscles in a picture, as a share of their extent.
+/// Margin around the muscles in a picture, relative to their extent.
 const AROUND: f64 = 0.15;
 
-/// The sweep that was computed.
+/// Parameters of the sweep, for the report.
 #[derive(Clone, Debug)]
 pub struct Swept {
     /// Name of the scene.
     pub scene: String,
     /// Name of the joint.
     pub joint: String,
-    /// What tables call the angle.
+    /// Name of the angle in tables.
     pub coordinate: String,
-    /// What moved the muscles.
+    /// Method that moved the muscles.
     pub by: By,
     /// Time [s].
     pub time_s: f64,
-    /// Whether it was stopped by hand.
+    /// True if the user stopped the sweep.
     pub interrupted: bool,
 }
 
-/// Writes the fibres at the last value, for ParaView; and adds them to the series.
+/// Writes the fibres at the last angle, for ParaView, and adds them to the series.
 ///
 /// # Errors
 /// A file that cannot be written.
@@ -112,7 +112,7 @@ fn put(folder: &Folder, file: &str, data: &PolyData<'_>) -> Result<(), FolderErr
     vtp::write(&path, data).map_err(|source| FolderError::Io { path, source })
 }
 
-/// Bones as they are at the last value.
+/// Bones at the last angle.
 fn bones(running: &Running) -> Vec<TriangleMesh> {
     let frame = running.simulation.frame() as f64;
     let posed = |(b, mesh): (usize, &TriangleMesh)| {
@@ -131,10 +131,10 @@ fn bones(running: &Running) -> Vec<TriangleMesh> {
         .collect()
 }
 
-/// A picture of the fibres among the bones at the last value, seen along the joint's axis.
+/// A picture of the fibres among the bones at the last angle, along the joint's axis.
 pub fn picture(running: &Running) -> Frame {
     let axis = running.joint.axis.into_inner();
-    // From the side on which the joint lies of the bones' middle, so that the muscles are before them.
+    // From the side of the joint relative to the bones' centre, so that the muscles are in front.
     let bones = bones(running);
     let middle = bones
         .iter()
@@ -235,7 +235,7 @@ fn of_muscle(arms: &Arms, muscle: &Crossing) -> Value {
     })
 }
 
-/// The result; `series` lists the frames that are written already.
+/// Writes all files except the frames.
 ///
 /// # Errors
 /// A picture that cannot be encoded.
@@ -356,7 +356,7 @@ fn each(arms: &[Arms]) -> DataFile<'_> {
     DataFile::new("fibres.csv", columns, rows)
 }
 
-/// A muscle's moment arms with those of others around them.
+/// A plot of a muscle's moment arms with the published ones.
 fn plot(a: &Arms) -> LinePlot {
     let over = |values: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
         a.angles
@@ -409,7 +409,7 @@ fn lengths(arms: &[Arms]) -> LinePlot {
     plot
 }
 
-/// The curves in numbers.
+/// The table of the curves.
 fn table(running: &Running, arms: &[Arms]) -> Table {
     let title = "Moment arms, mean of the fibres";
     let header = [
@@ -438,7 +438,7 @@ fn table(running: &Running, arms: &[Arms]) -> Table {
     table
 }
 
-/// How they compare with others.
+/// The table of the comparisons with published values.
 fn comparisons(arms: &[Arms]) -> Table {
     let header = [
         "muscle",
@@ -472,7 +472,7 @@ fn comparisons(arms: &[Arms]) -> Table {
     table
 }
 
-/// What a reader has to know.
+/// Notes for the reader.
 fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
     let mut notes = running.simulation.notes.clone();
     if !running.left_out.is_empty() {

@@ -22,37 +22,37 @@ use pliant::morph::sphere::flipped;
 use pliant::morph::{Correspondence, Distortion};
 use pliant_render::PictureError;
 
-/// How near the ends of a blend must come to both shapes, over their size.
+/// Greatest distance of the ends of a blend from both shapes, relative to their size.
 const ENDS: f64 = 1e-12;
 
-/// Volume or area of triangles over places.
+/// Volume or area of triangles over positions.
 type Measure = fn(&[Point3<f64>], &[[u32; 3]]) -> f64;
 
-/// A shape between the two.
+/// An intermediate shape.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
     /// 0 at the first surface, 1 at the second.
     pub t: f64,
-    /// Places of the common vertices, in the unit of the results.
+    /// Positions of the common vertices, in the unit of the results.
     pub places: Vec<Point3<f64>>,
 }
 
-/// Numbers at the common vertices, of one surface or of both.
+/// Numbers at the common vertices, from one surface or from both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Carried {
     /// The name of the array.
     pub name: String,
-    /// Numbers at each vertex.
+    /// Number of components per vertex.
     pub components: usize,
-    /// Those of the first surface and of the second; at least one is there.
+    /// Numbers of the first surface and of the second; at least one exists.
     pub ends: [Option<Vec<f64>>; 2],
 }
 
 impl Carried {
-    /// Brings the arrays of two surfaces together by name; on the side of an array that has its name the numbers are blended.
+    /// Matches the arrays of two surfaces by name; arrays of both are blended.
     ///
     /// # Errors
-    /// The name of an array that has other components on the other side.
+    /// The name of an array with different numbers of components.
     pub fn of(between: &Correspondence, data: [&[PointData]; 2]) -> Result<Vec<Self>, String> {
         let mut all: Vec<Self> = Vec::new();
         for (side, arrays) in data.into_iter().enumerate() {
@@ -81,7 +81,7 @@ impl Carried {
         Ok(all)
     }
 
-    /// At t: blended where both sides have it, else as it is.
+    /// The numbers at t: blended if both surfaces have them, otherwise unchanged.
     pub fn at(&self, t: f64) -> Vec<f64> {
         match &self.ends {
             [Some(a), Some(b)] => a.iter().zip(b).map(|(a, b)| blended(*a, *b, t)).collect(),
@@ -99,7 +99,7 @@ impl Carried {
     }
 }
 
-/// The ends as they are, also where the other is no number.
+/// Exact at both ends, even if the other end is NaN.
 fn blended(a: f64, b: f64, t: f64) -> f64 {
     if t <= 0.0 {
         a
@@ -110,33 +110,33 @@ fn blended(a: f64, b: f64, t: f64) -> f64 {
     }
 }
 
-/// A morph, with all that is told of it.
+/// A morph with its results.
 pub struct Morph<'a> {
-    /// What it is called.
+    /// Name of the morph.
     pub name: String,
-    /// The files of both surfaces, as they were named.
+    /// The files of both surfaces, as given.
     pub files: [String; 2],
     /// Both surfaces.
     pub meshes: [&'a TriangleMesh; 2],
-    /// What they have in common.
+    /// Correspondence of the surfaces.
     pub between: &'a Correspondence,
-    /// Vertices that were brought together.
+    /// Given pairs of vertices.
     pub pairs: &'a [[u32; 2]],
     /// Shapes from the first to the second.
     pub shapes: Vec<Shape>,
     /// Numbers at the vertices.
     pub data: Vec<Carried>,
-    /// How it was asked for: method, blend, topology.
+    /// Method, blend and topology, as given.
     pub words: [&'static str; 3],
-    /// The unit of all lengths; `None` for that of the files.
+    /// Unit of all lengths; `None` for that of the files.
     pub unit: Option<&'static str>,
-    /// Wall time of reading and of blending [s].
+    /// Time of reading and of blending [s].
     pub seconds: [f64; 2],
     /// Wall time of all of it [s].
     pub time_s: f64,
 }
 
-/// How a surface is spread over the sphere.
+/// Quality of a map to the sphere.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Spread {
     flipped: usize,
@@ -161,7 +161,7 @@ pub struct Side {
     end_miss: f64,
 }
 
-/// What relaxation took.
+/// Effort of the relaxation.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Sweeps {
     attempts: usize,
@@ -169,7 +169,7 @@ pub struct Sweeps {
     second: usize,
 }
 
-/// An array, and which surface has it.
+/// An array, with the surfaces that have it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Told {
     name: String,
@@ -177,7 +177,7 @@ pub struct Told {
     of: &'static str,
 }
 
-/// Wall time of each part [s].
+/// Time of each part [s].
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Seconds {
     read_s: f64,
@@ -188,7 +188,7 @@ pub struct Seconds {
     blend_s: f64,
 }
 
-/// Measures of a morph; lengths, areas and volumes are in the unit `length_unit`.
+/// Content of `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     length_unit: &'static str,
@@ -220,7 +220,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// How far the map of A was drawn to like places, where it was.
+    /// Displacement of the map of A towards similar places, if any.
     fn drawn(&self) -> String {
         if self.drawn_deg > 0.0 {
             format!(", the map of A drawn by {:.1} degrees", self.drawn_deg)
@@ -229,7 +229,7 @@ impl Summary {
         }
     }
 
-    /// A few lines for a terminal.
+    /// A short text for a terminal.
     pub fn to_text(&self) -> String {
         let side = |name: &str, s: &Side| {
             format!(
@@ -262,7 +262,7 @@ impl Summary {
 }
 
 impl Morph<'_> {
-    /// The files that are written beside frames.
+    /// The files besides the frames.
     pub fn files(name: &str) -> Vec<String> {
         let file = file_name(name);
         let mut all = vec![format!("{file}.pvd"), format!("{file}.gif")];
@@ -279,7 +279,7 @@ impl Morph<'_> {
         all
     }
 
-    /// Measures what is told.
+    /// Computes the summary.
     pub fn summary(&self) -> Summary {
         let between = self.between;
         let topology =
@@ -480,7 +480,7 @@ impl Morph<'_> {
         vtp::write(path, &data)
     }
 
-    /// How far each vertex goes from one surface to the other.
+    /// Distance between the positions of each vertex on the two surfaces.
     fn ways(&self) -> Vec<f64> {
         let [a, b] = &self.between.places;
         a.iter().zip(b).map(|(a, b)| (b - a).norm()).collect()

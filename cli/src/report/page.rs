@@ -11,10 +11,10 @@ use pliant::simulation::plan::{LeftOut, Planned};
 use pliant::simulation::{FrameState, Measures, SceneDescription};
 use pliant_render::PictureError;
 
-/// Points of a plotted line at most; a longer run shows the greatest of each few frames.
+/// Greatest number of points of a plotted line; a longer run shows the maximum of each few frames.
 const MOST_POINTS: usize = 1000;
 
-/// Makes the report of a run.
+/// Creates the report of a run.
 ///
 /// # Errors
 /// A picture that cannot be encoded.
@@ -55,7 +55,7 @@ fn subtitle(summary: &Summary) -> String {
     )
 }
 
-/// The turn-table of a run; none of a single frame.
+/// The turntable of a run; `None` for a single frame.
 pub(super) fn turntable(
     cast: &SceneDescription,
     shots: &Shots,
@@ -96,7 +96,7 @@ pub(super) fn pictures(
     Ok(pictures)
 }
 
-/// Thins a line out: of each few points the one with the greatest value.
+/// Thins a line: keeps the point with the greatest value of each few.
 fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let each = points.len().div_ceil(MOST_POINTS).max(1);
     let greatest = |some: &[(f64, f64)]| {
@@ -187,10 +187,10 @@ fn times(record: &Record) -> LinePlot {
     plot
 }
 
-/// A value of a muscle as the table shows it.
+/// The text of a table cell for a muscle.
 type Shown = fn(&MuscleSummary) -> String;
 
-/// What the table of muscles shows, one row each.
+/// The rows of the table of muscles.
 const ROWS: [(&str, Shown); 17] = [
     ("vertices", |m| m.vertices.to_string()),
     ("triangles", |m| m.triangles.to_string()),
@@ -274,7 +274,7 @@ fn tables(summary: &Summary, settings: &[(String, String)]) -> Vec<Table> {
         .collect()
 }
 
-/// What ran and what did not, the first column under the head `of`.
+/// The table of effects that ran and did not run; `of` is the header of the first column.
 pub(super) fn of_effects(of: &str, run: &[Planned], left_out: &[LeftOut]) -> [Table; 2] {
     let all = |muscle: &str| {
         if muscle.is_empty() {

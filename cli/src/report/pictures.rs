@@ -17,39 +17,42 @@ use pliant_render::{
 /// Size of a picture [px].
 const SIZE: (u32, u32) = (720, 640);
 
-/// Size of a picture of the animation [px]; every pixel counts in a GIF.
+/// Size of a picture of the animation [px]; every pixel adds to the size of a GIF.
 const SMALL: (u32, u32) = (480, 420);
 
-/// Size of a picture of the turn-table [px]: one is seen at a time, larger than those that stand side by side.
+/// Size of a picture of the turntable [px]: only one is visible at a time, so it is larger than
+/// pictures side by side.
 const TURNED: (u32, u32) = (560, 480);
 
-/// How much a view is from above, as a share of its horizontal direction: a body looks flat from straight ahead.
+/// Elevation of a view, relative to its horizontal direction: bodies look flat without it.
 const RAISED: f64 = 0.15;
 
-/// How much of a muscle's surroundings is shown, as a share of its length.
+/// Margin around the muscles, relative to their length.
 const AROUND: f64 = 0.08;
 
-/// The smallest upper end of the colour scale [%]: below it differences are noise.
+/// Least upper end of the colour scale [%]: smaller differences are noise.
 const LEAST_RANGE: f64 = 0.1;
 
-/// Share of vertices that the colour scale covers in the worst frame, so that one wild vertex does not pale the rest.
+/// Share of vertices within the colour scale in the worst frame, so that a single extreme vertex
+/// does not make the rest pale.
 const COVERED: f64 = 0.98;
 
-/// Colour of the fibres where the muscle is bright, which that of the renderer is not made for.
+/// Colour of fibres on bright muscles, where the renderer's colour is unsuitable.
 const LINE: colour::Rgb = [0.95, 0.95, 0.97];
 
-/// Where pictures are taken from, and what their colours mean: the same for all pictures that are to be compared.
+/// View and colours, equal for all pictures that are compared.
 #[derive(Clone, Debug)]
 pub struct Stage {
     view: View,
-    /// Whether the view is from outside of the bones.
+    /// True if the view is from outside the bones.
     is_outside: bool,
     focus: Vec<Point3<f64>>,
     range: (f64, f64),
 }
 
 impl Stage {
-    /// Shows muscles within `bounds`, seen as suits a cast at its first frame; colours end at the strain `stretch`.
+    /// Creates the stage for muscles within `bounds`, with a suitable view of a cast at its first
+    /// frame; the colours end at the strain `stretch`.
     pub fn new(cast: &SceneDescription, first: &FrameState, bounds: &Aabb, stretch: f64) -> Self {
         let bounds = bounds.inflate(AROUND * bounds.extents().amax());
         let most = (stretch * 100.0).max(LEAST_RANGE);
@@ -62,13 +65,14 @@ impl Stage {
         }
     }
 
-    /// The same from three sides, each with the name of where one looks from: as it is, from the side, and from above, or
-    /// from ahead where it is from above or below already.
+    /// The stage from three sides, with their names: unchanged, from the side, and from above, or
+    /// from the front if the view is already from above or below.
     fn sides(&self) -> [(&'static str, Self); 3] {
         let up = Vector3::y();
         let from = self.view.from.try_normalize(0.0).unwrap_or_else(Vector3::z);
         let level = from - up * from.y;
-        // Where any side did, bodies lie along the axes; else the sine of the angle to the vertical decides.
+        // If the side is arbitrary, bodies lie along the axes; otherwise the sine of the angle to
+        // the vertical decides.
         let ahead = level
             .try_normalize(1e-6)
             .filter(|_| self.is_outside)
@@ -78,7 +82,7 @@ impl Stage {
             view: View::orthographic(from, up),
             ..self.clone()
         };
-        // A flat body would be a line from straight beside or above.
+        // A flat body would be a line directly from the side or from above.
         let side = seen(up.cross(&ahead) + (up + ahead) * RAISED, up);
         let third = if is_level {
             ("above", seen(up + ahead * RAISED, -ahead))
@@ -99,7 +103,7 @@ impl Stage {
         ]
     }
 
-    /// Height over width of what is shown.
+    /// Aspect ratio (height over width) of the visible region.
     pub fn aspect(&self) -> f64 {
         let camera = Camera::fit(
             self.focus.iter().copied(),
@@ -123,13 +127,13 @@ impl Stage {
         }
     }
 
-    /// What the colours mean.
+    /// The legend of the colours.
     pub fn legend(&self) -> Legend {
         Legend::new("Edge stretch", "%", self.range, ColourMap::Viridis)
     }
 }
 
-/// Draws all pictures of one run from the same place with the same colours.
+/// Draws all pictures of one run with the same view and colours.
 #[derive(Debug)]
 pub struct Painter<'a> {
     cast: &'a SceneDescription,
@@ -137,7 +141,7 @@ pub struct Painter<'a> {
 }
 
 impl<'a> Painter<'a> {
-    /// A painter for these shots; `None` if there are none.
+    /// A painter for these shots; `None` without any.
     pub fn new(cast: &'a SceneDescription, shots: &Shots) -> Option<Self> {
         let (first, last) = (shots.first.as_deref()?, shots.last.as_deref()?);
         let worst = shots.worst.as_ref().map_or(last, |(_, s)| s.as_ref());
@@ -153,7 +157,7 @@ impl<'a> Painter<'a> {
         })
     }
 
-    /// A painter that shares its place and colours with others.
+    /// A painter with a given stage.
     pub fn on(cast: &'a SceneDescription, stage: &Stage) -> Self {
         Self {
             cast,
@@ -166,7 +170,7 @@ impl<'a> Painter<'a> {
         self.titled(shot, SIZE, true)
     }
 
-    /// The pictures of an animation, and the seconds that each is shown.
+    /// The pictures of an animation, and the display time of each [s].
     pub fn animation(&self, shots: &Shots) -> (Vec<Frame>, f64) {
         let pictures = shots
             .animation
@@ -181,7 +185,7 @@ impl<'a> Painter<'a> {
         (pictures, apart)
     }
 
-    /// The frames of a run from three sides; `None` of a single frame.
+    /// The frames of a run from three sides; `None` for a single frame.
     ///
     /// # Errors
     /// A picture that cannot be encoded.
@@ -202,7 +206,7 @@ impl<'a> Painter<'a> {
             caption = format!("Every frame from {} to {}", first.frame, last.frame);
         }
         let mut sides = Vec::new();
-        // One side after the other: the pictures of all would be three times the memory.
+        // One side at a time: the pictures of all would need three times the memory.
         for (name, stage) in self.stage.sides() {
             let painter = Self::on(self.cast, &stage);
             let pictures: Vec<Frame> = shown
@@ -291,14 +295,15 @@ impl<'a> Painter<'a> {
             } else {
                 colour::MUSCLE
             };
-            // Fibres run inside their muscle, which is the surface of the same number.
+            // Fibres are inside their muscle, the surface with the same index.
             drawing = drawing.with_lines(Lines::new(lines, ink).seen_through(m));
         }
         render(&drawing, &camera)
     }
 }
 
-/// The mean absolute strain of a vertex's edges that all but a few vertices stay below, at positions of each muscle.
+/// A high quantile over the vertices of the mean absolute strain of their edges, for positions of
+/// each muscle.
 pub fn covered_stretch<'a>(
     cast: &SceneDescription,
     positions: impl IntoIterator<Item = &'a [Point3<f64>]>,
@@ -324,8 +329,8 @@ fn stretches(cast: &SceneDescription, shot: &FrameState) -> Vec<Vec<f64>> {
     cast.bodies.iter().zip(&shot.bodies).map(percent).collect()
 }
 
-/// From outside: from the bones that are near the muscles to the muscles, and a little from above; and whether that is
-/// known, or any side did.
+/// The outward direction: from the bones near the muscles to the muscles, slightly from above; and
+/// whether it is known or arbitrary.
 fn view(cast: &SceneDescription, first: &FrameState, bounds: &Aabb) -> (View, bool) {
     let mean = |points: &[Point3<f64>]| {
         let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
@@ -343,7 +348,7 @@ fn view(cast: &SceneDescription, first: &FrameState, bounds: &Aabb) -> (View, bo
         .flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
     let bones: Vec<Point3<f64>> = bones.filter(|p| bounds.contains(p)).collect();
     let outward = mean(&muscles).zip(mean(&bones)).map(|(m, b)| m - b);
-    // Where the bones are all around, as two plates are, any side will do.
+    // If bones are on all sides, as with two plates, any side is suitable.
     let clear = outward.filter(|o| o.norm() > 0.03 * bounds.extents().amax());
     let outward = clear.and_then(|o| o.try_normalize(0.0));
     let from = outward.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize());
@@ -418,7 +423,7 @@ mod tests {
                     assert!(way.dot(other).abs() <= 0.6, "{way} {other}");
                 }
             }
-            // From above what was ahead is below, as on a map that is turned to the reader.
+            // From above the front is at the bottom, as on a map.
             if names[2] == "above" {
                 assert!(ways[2].1.dot(&ways[0].0) < 0.0);
             }

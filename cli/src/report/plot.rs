@@ -5,19 +5,19 @@ use std::fmt::Write as _;
 use super::html::escape;
 use pliant_render::Ticks;
 
-/// The size of a plot in its own units; a page scales it.
+/// The size of a plot in its own units; the page scales it.
 const SIZE: [f64; 2] = [560.0, 290.0];
-/// Room at the left for labels, at the right, at the bottom for the axis.
+/// Margins at the left for labels, at the right, and at the bottom for the axis.
 const LEFT: f64 = 58.0;
 const RIGHT: f64 = 14.0;
 const BOTTOM: f64 = 42.0;
-/// Width of a character of the small font, about.
+/// Approximate width of a character of the small font.
 const CHARACTER: f64 = 6.4;
 
-/// Width of the dot of a point without neighbours.
+/// Diameter of the dot of an isolated point.
 const LONE: f64 = 8.0;
 
-/// Colours that are told apart by all eyes, on white and on black.
+/// Colours that are distinguishable with any colour vision, on white and on black.
 const COLOURS: [&str; 9] = [
     "#3b7dd8", "#e4572e", "#2a9d5c", "#b07aa1", "#e0a100", "#17a2b8", "#8d6e63", "#5c6670",
     "#c2185b",
@@ -26,13 +26,14 @@ const COLOURS: [&str; 9] = [
 /// A line of a plot.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
-    /// Its name in the key.
+    /// Name in the key.
     pub name: String,
-    /// Its points, by rising x. One that is not finite (or not positive on a logarithmic axis) breaks the line.
+    /// Points by increasing x. One that is not finite (or not positive on a logarithmic axis)
+    /// interrupts the line.
     pub points: Vec<(f64, f64)>,
     /// Spread of points along x: y, least x, greatest x.
     pub bars: Vec<(f64, f64, f64)>,
-    /// Whether it is drawn as dots instead of a line.
+    /// True for dots instead of a line.
     pub dots: bool,
 }
 
@@ -46,7 +47,8 @@ impl Series {
         }
     }
 
-    /// The same as dots, with their spread along x and a thin line through the lowest from the left.
+    /// The series as dots, with their spread along x and a thin line through the lowest from the
+    /// left.
     pub fn dotted(mut self, bars: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
         self.bars = bars.into_iter().collect();
         self.dots = true;
@@ -57,23 +59,23 @@ impl Series {
 /// A plot of one or more lines.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LinePlot {
-    /// What it shows, with the unit of y: "Volume error [%]".
+    /// Title with the unit of y: "Volume error [%]".
     pub title: String,
-    /// What x is, with its unit: "frame".
+    /// Name of x with its unit: "frame".
     pub x_label: String,
-    /// Whether y is logarithmic.
+    /// True for a logarithmic y axis.
     pub log_y: bool,
-    /// Whether x is logarithmic.
+    /// True for a logarithmic x axis.
     pub log_x: bool,
-    /// Below this y nothing is known: drawn grey, with its name.
+    /// Values of y below this are uncertain: a grey region with its name.
     pub unknown_below: Option<(String, f64)>,
     /// The lines.
     pub series: Vec<Series>,
-    /// Limits, drawn dashed, with their names.
+    /// Limits as dashed lines, with their names.
     pub limits: Vec<(String, f64)>,
 }
 
-/// Where numbers lie in a plot.
+/// The mapping of numbers to positions in a plot.
 struct Axes {
     x: (f64, f64),
     y: (f64, f64),
@@ -83,7 +85,7 @@ struct Axes {
 }
 
 impl Axes {
-    /// The x at the left end.
+    /// The value of x at the left end.
     fn first_x(&self) -> f64 {
         if self.log_x {
             libm::pow(10.0, self.x.0)
@@ -148,8 +150,8 @@ impl LinePlot {
         self
     }
 
-    /// The plot as an SVG element, the same text for the same numbers. Its ink is the text colour around it, so that it
-    /// can be read on white and on black.
+    /// The plot as an SVG element; equal numbers give equal text. It uses the text colour around
+    /// it, so that it is readable on white and on black.
     pub fn to_svg(&self) -> String {
         let [width, height] = SIZE;
         let mut svg = format!(
@@ -182,7 +184,7 @@ impl LinePlot {
         svg + "</svg>\n"
     }
 
-    /// The names of the lines; returns where the plot begins below them.
+    /// Draws the names of the lines. Returns the start of the plot below them.
     fn draw_key(&self, svg: &mut String) -> f64 {
         let lines = self
             .series
@@ -213,7 +215,7 @@ impl LinePlot {
             );
             x += room;
         }
-        // However many lines there are, a plot remains.
+        // A part of the plot remains for any number of lines.
         (if entries.is_empty() {
             32.0_f64
         } else {
@@ -222,7 +224,7 @@ impl LinePlot {
         .min(SIZE[1] - BOTTOM - 60.0)
     }
 
-    /// The ranges of the points that can be drawn; `None` if there are none.
+    /// The ranges of the drawable points; `None` if there are none.
     fn axes(&self, top: f64) -> Option<Axes> {
         let power = |v: f64, log: bool| if log { libm::log10(v.max(0.0)) } else { v };
         let scale = |y: f64| power(y, self.log_y);
@@ -255,7 +257,7 @@ impl LinePlot {
         if x.0 > x.1 {
             return None;
         }
-        // An axis that nearly starts at zero does start there.
+        // An axis that starts near zero starts at zero.
         if !self.log_y && y.0 > 0.0 && y.0 < 0.5 * y.1 {
             y.0 = 0.0;
         }
@@ -272,7 +274,7 @@ impl LinePlot {
             },
             y.1 + padding,
         );
-        // Dots shall not lie on the rim.
+        // Dots must not lie on the border.
         let aside = if self.log_x {
             (0.03 * (x.1 - x.0)).max(0.05)
         } else {
@@ -288,7 +290,7 @@ impl LinePlot {
         })
     }
 
-    /// What lies below the bound of knowledge.
+    /// Draws the region of uncertain values.
     fn draw_unknown(&self, svg: &mut String, axes: &Axes) {
         let Some((name, bound)) = &self.unknown_below else {
             return;
@@ -395,7 +397,8 @@ impl LinePlot {
                 for (k, (x, y)) in run.iter().flatten().enumerate() {
                     let _ = write!(path, "{}{x:.1} {y:.1}", if k == 0 { 'M' } else { 'L' });
                 }
-                // A lone point is a dot: a line of next to no length (of none, some viewers draw nothing) with round ends.
+                // An isolated point is a dot: a line of almost zero length (some viewers draw
+                // nothing for zero) with round ends.
                 path.push_str(if run.len() == 1 { "h0.1" } else { "" });
                 let _ = writeln!(
                     svg,
@@ -408,7 +411,8 @@ impl LinePlot {
     }
 }
 
-/// Dots, each with its spread, and a thin line through those that no other is left of and below.
+/// Draws dots, each with its spread, and a thin line through those without another one to the left
+/// and below.
 fn draw_dots(svg: &mut String, axes: &Axes, series: &Series, colour: &str) {
     let (mut path, mut least) = (String::new(), f64::INFINITY);
     let mut points = series.points.clone();
@@ -446,7 +450,7 @@ fn draw_dots(svg: &mut String, axes: &Axes, series: &Series, colour: &str) {
     }
 }
 
-/// A range of no width gets one.
+/// Widens a range of zero width.
 fn widened((low, high): (f64, f64)) -> (f64, f64) {
     if high - low > 4.0 * f64::EPSILON * low.abs().max(high.abs()) {
         return (low, high);
@@ -455,7 +459,7 @@ fn widened((low, high): (f64, f64)) -> (f64, f64) {
     (low - room, high + room)
 }
 
-/// Of the points in one column of the picture only the first, the lowest, the highest and the last: long runs stay
+/// The first, the lowest, the highest and the last point of each column of pixels: long runs give
 /// small files, and no spike is lost.
 fn thinned(places: impl Iterator<Item = Option<(f64, f64)>>) -> Vec<Option<(f64, f64)>> {
     let places: Vec<_> = places.collect();

@@ -1,4 +1,4 @@
-//! What a run says of itself, frame by frame: measures and times, and their tables.
+//! Measures and times of a run, frame by frame, and their tables.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -11,13 +11,13 @@ use pliant::state::{DecodeError, Reader, Value, Writer};
 /// Times of one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameTimes {
-    /// Frame.
+    /// Index of the frame.
     pub frame: usize,
-    /// From the begin of the frame to its end, without the audit [ms].
+    /// Time of the frame without the audit [ms].
     pub step_ms: f64,
-    /// Measures and the independent audit [ms].
+    /// Time of the measures and the independent audit [ms].
     pub audit_ms: f64,
-    /// Each effect, summed over muscles [ms].
+    /// Time of each effect, summed over muscles [ms].
     pub effects_ms: BTreeMap<&'static str, f64>,
 }
 
@@ -31,7 +31,7 @@ pub struct Record {
     before: BTreeMap<&'static str, f64>,
 }
 
-/// The effect as scenes and plans call it, from what its constraint is called.
+/// The name of an effect in scenes and plans, from the name of its constraint.
 pub(super) fn effect_name(constraint: &str) -> &str {
     if constraint == "distance" {
         "stretch"
@@ -40,7 +40,7 @@ pub(super) fn effect_name(constraint: &str) -> &str {
     }
 }
 
-/// The effect of a name as [`effect_name`] gives it.
+/// The effect with a name from [`effect_name`].
 fn known_effect(name: &str) -> Option<&'static str> {
     if name == "stretch" {
         Some("stretch")
@@ -84,7 +84,7 @@ impl Value for FrameTimes {
     }
 }
 
-/// Seconds of each effect so far, summed over muscles.
+/// Time of each effect so far, summed over muscles [s].
 fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
     let mut sums = BTreeMap::new();
     for (effect, (seconds, _)) in simulation
@@ -98,7 +98,7 @@ fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
 }
 
 impl Record {
-    /// What was recorded up to the frame at which `simulation` is, whose clocks go on from there.
+    /// The record up to the frame of `simulation`, whose clocks continue from there.
     pub fn going_on(
         simulation: &Simulation,
         measures: Vec<Measures>,
@@ -136,7 +136,7 @@ impl Record {
         self.measures.extend(measures);
     }
 
-    /// Seconds of each effect over the run.
+    /// Time of each effect over the run [s].
     pub fn effects_s(&self) -> &BTreeMap<&'static str, f64> {
         &self.before
     }
@@ -155,7 +155,7 @@ impl Record {
     /// Writes `measures.csv`.
     ///
     /// # Errors
-    /// What the writer refuses.
+    /// Errors of the writer.
     pub fn write_measures(&self, w: &mut impl Write) -> io::Result<()> {
         writeln!(w, "{}", COLUMNS.join(","))?;
         for m in &self.measures {
@@ -167,7 +167,7 @@ impl Record {
     /// Writes `times.csv`.
     ///
     /// # Errors
-    /// What the writer refuses.
+    /// Errors of the writer.
     pub fn write_times(&self, w: &mut impl Write) -> io::Result<()> {
         let effects: Vec<&str> = self.before.keys().copied().collect();
         let columns = effects
@@ -190,7 +190,7 @@ impl Record {
     }
 }
 
-/// Columns of `measures.csv`: the fields of [`Measures`], as a test checks.
+/// Columns of `measures.csv`: the fields of [`Measures`]; a test checks this.
 const COLUMNS: [&str; 16] = [
     "frame",
     "time_s",
@@ -233,7 +233,7 @@ fn row(m: &Measures) -> [String; 16] {
     ]
 }
 
-/// A text as CSV wants it.
+/// A text quoted for CSV.
 pub(crate) fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
@@ -250,7 +250,7 @@ mod tests {
     fn the_columns_are_the_fields_of_measures() {
         let scene = pliant::scene::builtin::load("distance", &[]).unwrap();
         let mut simulation = Simulation::new(scene).unwrap();
-        // The start has no residual, and JSON no NaN.
+        // The start has no residual, and JSON has no NaN.
         simulation.step_frame();
         let measures = simulation.measure();
         let serde_json::Value::Object(fields) = serde_json::to_value(&measures[0]).unwrap() else {
@@ -261,7 +261,7 @@ mod tests {
         known.sort_unstable();
         columns.sort_unstable();
         assert_eq!(known, columns);
-        // Each value stands under its own name.
+        // Each value is in the column of its name.
         for (name, value) in COLUMNS.iter().zip(row(&measures[0])) {
             let field = &fields[*name];
             match field.as_f64() {

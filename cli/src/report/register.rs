@@ -25,27 +25,27 @@ use pliant_render::{
 const SIZE: (u32, u32) = (520, 480);
 const MOVING: Rgb = [0.25, 0.45, 0.75];
 
-/// A registration, with all that is told of it.
+/// A registration with its results.
 pub struct Registration<'a> {
-    /// What it is called.
+    /// Name of the registration.
     pub name: String,
-    /// The files of both surfaces, as they were named.
+    /// The files of both surfaces, as given.
     pub files: [String; 2],
-    /// The surface that moves, and the other.
+    /// The moving surface, and the other.
     pub meshes: [&'a TriangleMesh; 2],
-    /// Numbers at the vertices of the first.
+    /// Numbers at the vertices of the first surface.
     pub data: &'a [PointData],
-    /// What was found.
+    /// Result of the registration.
     pub laid: &'a SurfaceRegistration,
-    /// Whether size could change.
+    /// Degrees of freedom.
     pub motion: Motion,
-    /// Share of the first surface that is said to have a place on the other.
+    /// Given share of the first surface that corresponds to the second.
     pub overlap: f64,
-    /// Of the draws.
+    /// Seed of the draws.
     pub seed: u64,
-    /// The unit of all lengths; `None` for that of the files.
+    /// Unit of all lengths; `None` for that of the files.
     pub unit: Option<&'static str>,
-    /// Wall time of reading [s].
+    /// Time of reading [s].
     pub read_s: f64,
     /// Wall time of all of it [s].
     pub time_s: f64,
@@ -59,7 +59,7 @@ pub struct Distances {
     max: f64,
 }
 
-/// How A was bent.
+/// Measures of the deformation of A.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Bending {
     clusters: usize,
@@ -71,7 +71,7 @@ pub struct Bending {
     moved_max: f64,
 }
 
-/// Wall time of each part [s].
+/// Time of each part [s].
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Seconds {
     read_s: f64,
@@ -80,7 +80,7 @@ pub struct Seconds {
     bend_s: f64,
 }
 
-/// Measures of a registration; lengths are in the unit `length_unit`.
+/// Content of `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
     a: String,
@@ -113,7 +113,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// A few lines for a terminal.
+    /// A short text for a terminal.
     pub fn to_text(&self) -> String {
         let bent = self.non_rigid.map_or(String::new(), |b| {
             let (most, turn) = (number(b.moved_max), b.bend_max_deg);
@@ -140,7 +140,7 @@ impl Summary {
 }
 
 impl Registration<'_> {
-    /// The files that are written.
+    /// The written files.
     pub fn files() -> Vec<String> {
         [
             "moved.vtp",
@@ -154,7 +154,7 @@ impl Registration<'_> {
         .to_vec()
     }
 
-    /// Measures what is told.
+    /// Computes the summary.
     pub fn summary(&self) -> Summary {
         let (laid, [a, b]) = (self.laid, self.meshes);
         let motion = &laid.registered.motion;
@@ -315,14 +315,14 @@ impl Registration<'_> {
     fn camera(&self, points: &[&[Point3<f64>]], canvas: Canvas) -> Camera {
         let frame: Matrix3<f64> = axes(self.meshes[1]);
         let [long, across] = [0, 2].map(|k| frame.column(k).into_owned());
-        // Not head down, nor from behind.
+        // Neither upside down nor from behind.
         let up = if long.y < 0.0 { -long } else { long };
         let from = if across.z < 0.0 { -across } else { across };
         let all = points.iter().flat_map(|x| x.iter().copied());
         Camera::fit(all, &View::orthographic(from, up), canvas)
     }
 
-    /// A, blue, and B as they were placed.
+    /// A, blue, and B in their initial positions.
     fn before(&self) -> Frame {
         let [a, b] = self.meshes;
         let camera = self.camera(
@@ -336,10 +336,10 @@ impl Registration<'_> {
         frame
     }
 
-    /// A by its distance from B, and B around it.
+    /// A coloured by its distance from B, and B around it.
     fn after(&self) -> Frame {
         let ([a, b], laid) = (self.meshes, self.laid);
-        // Vertices without a place on B must not pale those that have one.
+        // Vertices without a place on B must not make the others pale.
         let on = laid
             .distances
             .iter()

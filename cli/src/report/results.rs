@@ -20,28 +20,28 @@ use pliant::simulation::checkpoint::{self, Fingerprint};
 use pliant::simulation::{FrameState, Measures, Observer, Scenario, SceneDescription, Simulation};
 use pliant_render::{PictureError, to_gif};
 
-/// An animation shows every so many frames.
+/// Number of frames between two pictures of an animation.
 const ANIMATION_STEP: usize = 4;
 
-/// Pictures of an animation at most; a longer run shows every second, and so on.
+/// Greatest number of pictures of an animation; a longer run shows every second, and so on.
 const MOST_PICTURES: usize = 500;
 
-/// Frames of the turn-table at most, besides the last.
+/// Greatest number of frames of the turntable, besides the last.
 const MOST_TURNED: usize = 23;
 
-/// Frames that are evenly apart, so few that a run of any length keeps no more.
+/// Frames at equal distances, a bounded number for a run of any length.
 #[derive(Clone, Debug)]
 pub struct Evenly {
     /// The frames so far.
     pub shots: Vec<Arc<FrameState>>,
-    /// Frames from one to the next; 0 for none at all.
+    /// Number of frames from one to the next; 0 for none at all.
     step: usize,
-    /// This many at most; of a longer run every second, and so on.
+    /// Greatest number of frames; a longer run keeps every second, and so on.
     most: usize,
 }
 
 impl Evenly {
-    /// None yet; every `step`-th of a run as long as they are `most`.
+    /// An empty sample: every `step`-th frame, at most `most`.
     fn new(step: usize, most: usize) -> Self {
         Self {
             shots: Vec::new(),
@@ -62,23 +62,23 @@ impl Evenly {
     }
 }
 
-/// The frames that pictures are made of.
+/// The frames of the pictures.
 #[derive(Clone, Debug)]
 pub struct Shots {
     /// The start.
     pub first: Option<Arc<FrameState>>,
-    /// The frame with the greatest edge stretch, and that stretch.
+    /// The frame with the greatest edge stretch, and the stretch.
     pub worst: Option<(f64, Arc<FrameState>)>,
     /// The last frame.
     pub last: Option<Arc<FrameState>>,
-    /// Frames of the animation; none unless one is wanted.
+    /// Frames of the animation; none without one.
     pub animation: Evenly,
-    /// Frames of the turn-table, but for the last.
+    /// Frames of the turntable, without the last.
     pub turned: Evenly,
 }
 
 impl Shots {
-    /// None yet; an animation if one is wanted.
+    /// Empty shots, with an animation if requested.
     pub(super) fn new(animate: bool) -> Self {
         Self {
             first: None,
@@ -89,7 +89,7 @@ impl Shots {
         }
     }
 
-    /// The frames that a turn-table shows, the first and the last among them.
+    /// The frames of the turntable, including the first and the last.
     pub fn of_turntable(&self) -> Vec<Arc<FrameState>> {
         let mut all = self.turned.shots.clone();
         if let Some(last) = self
@@ -102,7 +102,7 @@ impl Shots {
         all
     }
 
-    /// All frames that are kept; one that is kept for several pictures comes as often.
+    /// All stored frames; a frame of several pictures appears several times.
     pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Arc<FrameState>> {
         let Self {
             first,
@@ -118,7 +118,7 @@ impl Shots {
         single.chain(&mut animation.shots).chain(&mut turned.shots)
     }
 
-    /// As [`Self::all_mut`].
+    /// The same as [`Self::all_mut`].
     pub(super) fn all(&self) -> impl Iterator<Item = &Arc<FrameState>> {
         let single = self
             .first
@@ -138,7 +138,7 @@ impl Shots {
         );
     }
 
-    /// Adds a frame in which edges are stretched by so much.
+    /// Adds a frame with a given edge stretch.
     pub(super) fn add_stretched(&mut self, snapshot: &Arc<FrameState>, stretch: f64) {
         self.first.get_or_insert_with(|| snapshot.clone());
         if self.worst.as_ref().is_none_or(|(most, _)| stretch > *most) {
@@ -150,32 +150,33 @@ impl Shots {
     }
 }
 
-/// Results that are being gathered.
+/// Results during a run.
 pub struct Results {
     folder: Arc<Folder>,
     cast: Arc<SceneDescription>,
-    /// Present until the end.
+    /// Present until the end of the run.
     writer: Option<FrameWriter>,
     record: Record,
     shots: Shots,
     begun: Instant,
     prepared: Duration,
-    /// Time before this run went on, and of it that of making ready.
+    /// Time before the resume, and the part for the preparation.
     earlier: (Duration, Duration),
     name: String,
     checkpoints: Option<Checkpoints>,
 }
 
-/// Checkpoints to be written.
+/// Settings of the checkpoints.
 struct Checkpoints {
     every: usize,
     fingerprint: Fingerprint,
-    /// The frame of the last.
+    /// Frame of the last checkpoint.
     last: Option<usize>,
 }
 
 impl Results {
-    /// Begins with the start of `simulation`; `begun` is when the run began, with all its reading.
+    /// Starts with the first state of `simulation`; `begun` is the start of the run including all
+    /// reading.
     ///
     /// # Errors
     /// The folder cannot be used.
@@ -207,12 +208,14 @@ impl Results {
         })
     }
 
-    /// Goes on with the results in the folder `root`, of which `gathered` is what they held when `simulation` was where it
-    /// is now; `first` is its start. Later frames in the folder go. What pictures show of earlier frames is read from
-    /// their files; without an animation wanted, an animation of the earlier run goes.
+    /// Continues with the results in the folder `root`; `gathered` are their contents at the
+    /// present frame of `simulation`, and `first` is its start. Later frames in the folder are
+    /// removed. The pictures read earlier frames from their files. Without a new animation that of
+    /// the earlier run is removed.
     ///
     /// # Errors
-    /// A file of an earlier frame is missing or changed, and then nothing was touched; or the folder cannot be used.
+    /// A file of an earlier frame is missing or changed, and nothing was touched; or the folder
+    /// cannot be used.
     pub fn resume(
         root: &Path,
         simulation: &mut Simulation,
@@ -243,7 +246,8 @@ impl Results {
         })
     }
 
-    /// Asks for a checkpoint every so many frames and at the end, of simulations with this `fingerprint`; 0 for none.
+    /// Sets the interval of checkpoints, with another one at the end, for simulations with this
+    /// `fingerprint`; 0 for none.
     pub fn keep_every(&mut self, every: usize, fingerprint: Fingerprint) {
         self.checkpoints = (every > 0).then_some(Checkpoints {
             every,
@@ -252,8 +256,8 @@ impl Results {
         });
     }
 
-    /// Hands a checkpoint of the last frame to the writer where one is due, or at the `end` if there is none yet; as
-    /// [`Self::frame`].
+    /// Passes a checkpoint of the last frame to the writer if one is due, or at the `end` if it is
+    /// missing; otherwise as [`Self::frame`].
     pub fn checkpoint(&mut self, simulation: &Simulation, end: bool) -> bool {
         let frame = simulation.frame();
         let Some(wanted) = &mut self.checkpoints else {
@@ -275,8 +279,9 @@ impl Results {
             .is_some_and(|w| w.push_checkpoint(bytes))
     }
 
-    /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.
-    /// False once frames cannot be written any more: [`Self::finish`] then tells why.
+    /// Adds the frame that `simulation` has just computed in `step`, measures it, and passes it to
+    /// the writer. Returns false after an error of the writer: [`Self::finish`] then returns the
+    /// error.
     pub fn frame(&mut self, simulation: &Simulation, step: Duration) -> bool {
         let before = Instant::now();
         let measures = simulation.measure();
@@ -290,22 +295,22 @@ impl Results {
     /// Writes a text into the folder.
     ///
     /// # Errors
-    /// What kept it from being written.
+    /// An error of writing.
     pub fn write(&self, file: &str, text: &str) -> Result<(), FolderError> {
         self.folder.write(file, |w| w.write_all(text.as_bytes()))
     }
 
-    /// Measures of the last frame, muscle by muscle.
+    /// Measures of the last frame, for each muscle.
     pub fn last(&self) -> &[Measures] {
         let all = &self.record.measures;
         &all[all.len().saturating_sub(self.cast.bodies.len())..]
     }
 
-    /// Writes all that is not written yet, `summary.json` last; `settings` are names and values for the report, `chosen` what
-    /// an accuracy asked for led to.
+    /// Writes all remaining files, `summary.json` last. `settings` are names and values for the
+    /// report; `chosen` is the selection for a requested accuracy.
     ///
     /// # Errors
-    /// What kept a file from being written.
+    /// An error of writing.
     pub fn finish(
         mut self,
         simulation: &Simulation,
@@ -344,7 +349,7 @@ impl Results {
         Ok(summary)
     }
 
-    /// Writes the animation, if one is wanted; gives its name.
+    /// Writes the animation if requested. Returns its name.
     fn write_animation(&self) -> Result<Option<String>, FolderError> {
         let Some(painter) = Painter::new(&self.cast, &self.shots)
             .filter(|_| !self.shots.animation.shots.is_empty())
@@ -401,7 +406,7 @@ pub(super) fn end_unless(goes_on: bool) -> ControlFlow<()> {
     ControlFlow::Break(())
 }
 
-/// A time that was kept; one that makes no sense is none.
+/// A stored time; an invalid one counts as zero.
 fn seconds(kept: f64) -> Duration {
     Duration::try_from_secs_f64(kept).unwrap_or_default()
 }
@@ -436,7 +441,7 @@ mod tests {
                 shots.turned.shots.len() <= MOST_TURNED
                     && turned.len() >= (frame + 1).min(MOST_TURNED / 2)
             );
-            // All but the last are as far apart as the first two.
+            // All except the last have the distance of the first two.
             let even = |pair: &[usize]| pair[1] - pair[0] == turned[1];
             assert!(
                 turned

@@ -1,4 +1,4 @@
-//! Scenes without muscles, from their start to their last frame, and the files of them.
+//! Runs of scenes without muscles, and their files.
 
 use std::io::Write;
 use std::ops::ControlFlow;
@@ -20,20 +20,20 @@ use pliant::progress::Progress;
 use pliant::simulation::{Ended, Observer, Scenario, ScenarioKind, SceneDescription, run};
 use pliant_render::{PictureError, to_gif};
 
-/// What a run has to tell.
+/// Results of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
-    /// What `summary.json` has besides what all runs have.
+    /// Entries of `summary.json` besides the common ones.
     pub summary: Map<String, Value>,
-    /// Whether each promise is kept.
+    /// Results of the checks.
     pub verdicts: Vec<Verdict>,
-    /// For the page.
+    /// Tables of the page.
     pub tables: Vec<Table>,
-    /// For the page.
+    /// Plots of the page.
     pub plots: Vec<LinePlot>,
-    /// `measures.csv`.
+    /// Content of `measures.csv`.
     pub measures: String,
-    /// For people.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
@@ -54,35 +54,35 @@ fn own_pictures(scenario: &dyn Scenario) -> Result<Vec<(String, Vec<u8>)>, Pictu
     }
 }
 
-/// How a run ended.
+/// End of a run.
 #[derive(Clone, Debug)]
 pub struct Performed {
     /// `summary.json`.
     pub summary: Value,
-    /// Whether it was interrupted.
+    /// True if the run was interrupted.
     pub interrupted: bool,
-    /// Whether every frame that had to be at rest was, and none failed.
+    /// True if every frame that must be at rest was, and none failed.
     pub converged: bool,
-    /// What there is to tell.
+    /// The results.
     pub account: Account,
 }
 
-/// What is asked for besides the scene.
+/// Options of a run besides the scene.
 #[derive(Clone, Debug)]
 pub struct Wanted {
-    /// Whether an animation is written.
+    /// True for an animation.
     pub animate: bool,
-    /// When the run began, with all its reading.
+    /// Start of the run including all reading.
     pub begun: Instant,
     /// Names and values for the report.
     pub settings: Vec<(String, String)>,
 }
 
-/// Runs to the last frame, until the progress ends it, or to a frame that cannot be computed, and writes everything,
+/// Runs to the last frame, to Ctrl-C, or to a frame that fails, and writes everything,
 /// `summary.json` last.
 ///
 /// # Errors
-/// What kept a file from being written.
+/// An error of writing.
 pub fn perform(
     scenario: &mut dyn Scenario,
     folder: Folder,
@@ -236,7 +236,7 @@ impl Told {
     }
 }
 
-/// The verdict of a frame that could not be computed.
+/// The verdict of a frame that failed.
 fn failed(why: Option<&str>) -> Option<Verdict> {
     why.map(|why| Verdict::new("every frame can be computed", false).at(why))
 }

@@ -1,4 +1,4 @@
-//! What is told of skin over implants, or over a ball, frame after frame.
+//! Measures and report of a skin simulation, per frame.
 
 use nalgebra::Isometry3;
 use serde_json::{Map, Value, json};
@@ -20,7 +20,7 @@ use pliant::skin::plan::Inserted;
 use pliant::skin::settle::deepest;
 use pliant_render::PictureError;
 
-/// An implant keeps its volume to this share.
+/// Greatest relative volume error of an implant.
 const VOLUME_HELD: f64 = 1e-6;
 
 fn insertion(run: &SkinRun) -> Insertion<'_> {
@@ -32,7 +32,7 @@ fn insertion(run: &SkinRun) -> Insertion<'_> {
             .iter()
             .filter_map(|p| Some((p.ready.clone(), p.now.clone()?)))
             .collect(),
-        // A ball is in place of the first implant.
+        // A ball counts as the first implant.
         numbers: run
             .parts
             .iter()
@@ -82,7 +82,7 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
     all
 }
 
-/// Greatest departure of implants' volumes from what they are filled with, as a share of it; `None` for a ball.
+/// Greatest relative departure of the implants' volumes from their fillings; `None` for a ball.
 fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
     let Under::Implants(all) = &run.scene.under else {
         return None;
@@ -205,7 +205,7 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
     ]
 }
 
-/// The entries of a part's implants, one of a ball, each with its number among all implants.
+/// The entries of a part's implants, one for a ball, each with its index among all implants.
 fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
     let ready = &part.ready;
     let sites: Vec<(&ImplantSpec, &Isometry3<f64>)> = ready.sites().collect();
@@ -233,7 +233,7 @@ fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
     each.collect()
 }
 
-/// What the frames of an implant are.
+/// The entries of the frames of an implant.
 fn json_of_frames(part: &Part, shell: usize) -> Value {
     let of = |f: &Measured| {
         f.shells
@@ -256,7 +256,7 @@ fn json_of_frames(part: &Part, shell: usize) -> Value {
     json!({"implant_volume_m3": last.0, "pressure_pa": last.1, "frames": each.collect::<Vec<_>>()})
 }
 
-/// What implants that share skin have in common.
+/// The common entries of implants that share skin.
 fn json_of_region(part: &Part) -> Value {
     let (ready, last) = (&part.ready, part.frames.last());
     let areas = part.areas_at(last.map_or(0, |f| f.frame));

@@ -1,4 +1,4 @@
-//! What accuracy costs for skin over implants, as a table, a CSV, a plot, JSON and a page.
+//! The cost of accuracy for skin over implants, as a table, a CSV, a plot, JSON and a page.
 
 use serde_json::{Value, json};
 
@@ -86,7 +86,7 @@ fn table(study: &SkinStudy) -> Table {
     table
 }
 
-/// The fastest for each target.
+/// The fastest row for each target.
 fn recommendation(study: &SkinStudy) -> Table {
     let mut table = Table::new(
         "Recommended",
@@ -112,7 +112,7 @@ fn recommendation(study: &SkinStudy) -> Table {
     table
 }
 
-/// What a reader should know.
+/// Notes for the reader.
 fn notes(study: &SkinStudy) -> Vec<String> {
     let reference = &study.reference;
     let mut notes = vec![format!(

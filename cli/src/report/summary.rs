@@ -1,4 +1,4 @@
-//! The result of a run in numbers: `summary.json`, and the verdicts that a person reads.
+//! The results of a run as numbers: `summary.json`, and the verdicts for the user.
 
 use std::collections::BTreeMap;
 
@@ -13,9 +13,10 @@ use pliant::simulation::measures::VOLUME_HELD;
 use pliant::simulation::plan::{LeftOut, Planned};
 use pliant::simulation::{Body, Measures, Simulation};
 
-/// At the end of a motion that returns, a muscle is at most this share of its length from its start.
+/// Greatest distance of a muscle from its start at the end of a motion that returns, relative to
+/// its length.
 const RETURN_DISTANCE: f64 = 0.02;
-/// And its edges are stretched by no more than this.
+/// Greatest strain of its edges then.
 const RETURN_STRETCH: f64 = 0.05;
 
 /// The result of a run.
@@ -23,35 +24,35 @@ const RETURN_STRETCH: f64 = 0.05;
 pub struct Summary {
     /// Name of the scene.
     pub scene: String,
-    /// Frames computed after the start.
+    /// Number of frames computed after the start.
     pub frames: usize,
-    /// Frames that the scene asks for.
+    /// Number of frames of the scene.
     pub frames_wanted: usize,
-    /// Whether the run was interrupted.
+    /// True if the run was interrupted.
     pub interrupted: bool,
-    /// Whether every muscle was converged in every frame.
+    /// True if every muscle converged in every frame.
     pub converged: bool,
     /// Estimated error of the solver, RMS over the vertices of the worst frame and muscle [m]: see
     /// [`MuscleSummary::error_estimate_m`].
     pub error_estimate_m: f64,
-    /// What was chosen for the accuracy that the scene names.
+    /// The selection for the accuracy of the scene.
     pub accuracy: Option<Delivered>,
     /// Muscles.
     pub muscles: Vec<MuscleSummary>,
-    /// Where the time went.
+    /// Times.
     pub time: Time,
-    /// What ran and what did not.
+    /// Effects that ran and did not run.
     pub effects: Effects,
     /// The solver and its settings.
     pub solver: String,
     /// Results of the checks.
     pub verdicts: Vec<Verdict>,
-    /// Notes of reading and running.
+    /// Notes from reading and from the run.
     pub notes: Vec<String>,
 }
 
-/// One muscle over the run. Greatest values are over all frames, the start among them; a vertex of a bone is counted
-/// as inside by exact winding numbers.
+/// One muscle over the run. Greatest values are over all frames including the start; exact winding
+/// numbers decide whether a vertex of a bone is inside.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MuscleSummary {
     /// Name.
@@ -60,7 +61,7 @@ pub struct MuscleSummary {
     pub vertices: usize,
     /// Number of triangles.
     pub triangles: usize,
-    /// Vertices held by bones.
+    /// Number of attached vertices.
     pub vertices_attached: usize,
     /// Greatest absolute volume error after the start, relative to its target.
     pub volume_error_max: f64,
@@ -68,97 +69,97 @@ pub struct MuscleSummary {
     pub volume_error_end: f64,
     /// Root mean square strain of edges at the end.
     pub edge_stretch_rms_end: f64,
-    /// The same in the worst frame.
+    /// Root mean square strain of edges in the worst frame.
     pub edge_stretch_rms_worst: f64,
-    /// The frame of it.
+    /// The worst frame.
     pub worst_frame: usize,
     /// Greatest depth of a free vertex in a bone [m].
     pub penetration_max_m: f64,
-    /// Most free vertices deeper than 0.01 mm in bones.
+    /// Greatest number of free vertices deeper than 0.01 mm in bones.
     pub vertices_inside_bones_max: usize,
-    /// Most bone vertices inside the muscle.
+    /// Greatest number of bone vertices inside the muscle.
     pub bone_vertices_inside_max: usize,
-    /// Most vertices between bones closer than twice the contact thickness.
+    /// Greatest number of vertices between bones closer together than twice the contact thickness.
     pub vertices_pinched_max: usize,
-    /// Most vertices that touch a bone.
+    /// Greatest number of vertices in contact with a bone.
     pub vertices_touching_max: usize,
-    /// Deepest overlap with a bone before the start was untangled [m].
+    /// Greatest overlap with a bone before its removal at the start [m].
     pub start_overlap_m: f64,
-    /// Root mean square distance of vertices to the start, at the end [m].
+    /// Root mean square distance of vertices from their start positions, at the end [m].
     pub distance_from_start_rms_m: f64,
     /// Greatest extent at rest [m].
     pub length_m: f64,
-    /// Root mean square distance of elastic constraints from satisfaction, at the end [m].
+    /// Root mean square residual of the elastic constraints, at the end [m].
     pub residual_end_m: f64,
-    /// The same in the worst frame.
+    /// Root mean square residual of the elastic constraints in the worst frame [m].
     pub residual_max_m: f64,
-    /// Estimated error of the solver, RMS over the vertices of the worst frame [m]. By [`Body::error_estimate`],
-    /// or where an accuracy was asked for by what the study that chose measured.
+    /// Estimated error of the solver, RMS over the vertices of the worst frame [m]: from
+    /// [`Body::error_estimate`], or for a requested accuracy from the measurements of its study.
     pub error_estimate_m: f64,
-    /// Frames that were not converged.
+    /// Number of frames that did not converge.
     pub frames_not_converged: usize,
-    /// Velocities that were cut to the limit.
+    /// Number of velocities that were clamped to the limit.
     pub speed_cuts: u64,
-    /// Where it was stopped, by a number that is not finite or because it diverged.
+    /// Place of a stop by a number that is not finite, or by divergence.
     pub stopped: Option<Stopped>,
 }
 
-/// Solver and settings that were chosen for an accuracy.
+/// Solver and settings selected for an accuracy.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Delivered {
-    /// The error asked for, RMS [m].
+    /// Requested RMS error [m].
     pub target_m: f64,
-    /// The error expected in the worst frame [m].
+    /// Expected error in the worst frame [m].
     pub expected_m: f64,
-    /// Whether the estimate for the whole run keeps what was asked for.
+    /// True if the estimate for the whole run is within the requested error.
     pub reached: bool,
     /// The solver.
     pub solver: String,
-    /// Its settings.
+    /// Settings of the solver.
     pub settings: serde_json::Map<String, serde_json::Value>,
-    /// Why it was chosen.
+    /// The reason of the selection.
     pub why: String,
 }
 
-/// Where a muscle was stopped.
+/// Place of a stop.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Stopped {
-    /// The frame.
+    /// Index of the frame.
     pub frame: usize,
-    /// The effect that gave the number.
+    /// The effect with the error.
     pub effect: String,
-    /// The vertex.
+    /// Index of the vertex.
     pub particle: usize,
 }
 
-/// Where the time went.
+/// Times of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Time {
-    /// From reading the scene until all but the report and this summary are written [s].
+    /// From reading the scene until all files except the report and this summary are written [s].
     pub total_s: f64,
-    /// Reading the scene and its meshes, and making them ready [s].
+    /// Reading and preparation of the scene and its meshes [s].
     pub prepare_s: f64,
-    /// After the last frame: the frames that waited to be written, tables, animation [s].
+    /// After the last frame: waiting frames, tables, animation [s].
     pub finish_s: f64,
-    /// Median of a frame, without audit [ms].
+    /// Median time of a frame, without audit [ms].
     pub frame_ms_median: f64,
     /// Audit of all frames [s].
     pub audit_s: f64,
-    /// Each effect, summed over muscles, frames, threads [s].
+    /// Time of each effect, summed over muscles, frames, threads [s].
     pub effects_s: BTreeMap<&'static str, f64>,
 }
 
-/// What ran and what did not.
+/// Effects that ran and did not run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Effects {
-    /// What ran.
+    /// Effects that ran.
     pub run: Vec<Planned>,
-    /// What did not, and why.
+    /// Effects that did not run, with the reasons.
     pub left_out: Vec<LeftOut>,
 }
 
 impl Time {
-    /// The times of a record, within those of the whole.
+    /// The times of a record, within the given total times.
     pub fn of(record: &Record, total_s: f64, prepare_s: f64, finish_s: f64) -> Self {
         Self {
             total_s,
@@ -172,7 +173,7 @@ impl Time {
 }
 
 impl Summary {
-    /// Sums a run up.
+    /// Creates the summary of a run.
     pub fn of(
         simulation: &Simulation,
         record: &Record,
@@ -226,7 +227,7 @@ impl Summary {
         }
     }
 
-    /// Whether a number went wrong and a muscle was stopped.
+    /// True if an invalid number stopped a muscle.
     pub fn stopped(&self) -> bool {
         self.muscles.iter().any(|m| m.stopped.is_some())
     }
@@ -238,7 +239,7 @@ impl Summary {
     }
 }
 
-/// Tells of velocities that were cut, which keeps numbers finite but is no motion of the scene.
+/// A note on clamped velocities: numbers stay finite, but the motion is not that of the scene.
 fn cut(body: &Body) -> Option<String> {
     let (cuts, limit) = (body.system.speed_cuts, body.system.settings.speed_limit);
     let too_much = "forces, displacements or motions are too large";
@@ -259,7 +260,7 @@ fn solver(solver: &Solver) -> String {
     format!("{}: {}", solver.spec().name, settings.join(", "))
 }
 
-/// Whether the accuracy that was asked for is kept, as far as can be estimated.
+/// The check of the requested accuracy, by the estimate.
 fn verdict_of(chosen: &Chosen) -> Verdict {
     let name = "the error is at most that of the accuracy";
     let verdict = Verdict::at_most(name, chosen.expected_m, chosen.target_m).in_unit("m");
@@ -291,7 +292,7 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         vertices: body.rest.vertices.len(),
         triangles: body.rest.triangles.len(),
         vertices_attached: body.attached.len(),
-        // At the start a muscle under pressure has not reached its target yet.
+        // At the start a muscle under pressure has not reached its target.
         volume_error_max: max_or_nan(
             all.iter()
                 .filter(|m| m.frame > 0)
@@ -320,7 +321,7 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
     }
 }
 
-/// The promises that concern a muscle of this scene.
+/// The checks of a muscle of this scene.
 fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verdict> {
     let (scene, plan) = (&simulation.scene, &simulation.plan.muscles[m]);
     let mut all = Vec::new();
@@ -364,7 +365,7 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
     all
 }
 
-/// Whether some bone moves and all are back where they began, so that a muscle should be, too.
+/// True if some bone moves and all return to their start, so that a muscle should, too.
 fn returns(simulation: &Simulation) -> bool {
     let frames = simulation.scene.frames;
     let poses = |b: usize, f: usize| simulation.pose(b, f as f64);

@@ -3,11 +3,11 @@
 /// A table of texts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
-    /// What it shows; may be empty.
+    /// Title; can be empty.
     pub title: String,
-    /// The head of each column; may be empty.
+    /// Header of each column; can be empty.
     pub header: Vec<String>,
-    /// The rows; a short one is filled up with empty cells.
+    /// Rows; a short one is padded with empty cells.
     pub rows: Vec<Vec<String>>,
 }
 
@@ -29,7 +29,7 @@ impl Table {
         self.rows.push(cells.into_iter().map(Into::into).collect());
     }
 
-    /// The number of columns: that of the longest row.
+    /// The number of columns of the longest row.
     pub fn columns(&self) -> usize {
         self.rows
             .iter()
@@ -39,7 +39,8 @@ impl Table {
             .unwrap_or(0)
     }
 
-    /// Whether a column holds nothing but numbers, perhaps with a unit after them: those are set to the right.
+    /// True if a column contains only numbers, optionally with a unit: they are aligned to the
+    /// right.
     pub(super) fn is_numeric(&self, column: usize) -> bool {
         let mut cells = self
             .rows
@@ -54,8 +55,9 @@ impl Table {
             })
     }
 
-    /// The table as lines of text for a terminal, columns aligned, numbers to the right. Control characters are
-    /// replaced, so that no text can steer the terminal. Characters count as one place wide.
+    /// The table as lines of text for a terminal, columns aligned, numbers to the right. Control
+    /// characters are replaced, so that no text can control the terminal. Each character counts as
+    /// one place.
     pub fn to_text(&self) -> String {
         let rows = || std::iter::once(&self.header).chain(&self.rows);
         let cell = |row: &Vec<String>, column: usize| {

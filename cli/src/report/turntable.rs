@@ -1,17 +1,17 @@
-//! The turn-table of a page: pictures of several frames from several sides, of which one is shown at a time.
+//! The turntable of a page: pictures of several frames from several sides, one visible at a time.
 
 use std::fmt::Write as _;
 
 use super::html::{base64, escape};
 
-/// Frames of a run from several sides, behind a slider.
+/// Frames of a run from several sides, with a slider.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Turntable {
-    /// What is shown, below the picture.
+    /// Caption below the picture.
     pub caption: String,
-    /// Numbers of the frames.
+    /// Indices of the frames.
     pub frames: Vec<usize>,
-    /// The sides, one or more.
+    /// At least one side.
     pub sides: Vec<Side>,
     /// Width and height of all pictures \[px\].
     pub size: [u32; 2],
@@ -20,21 +20,22 @@ pub struct Turntable {
 /// The pictures from one side.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Side {
-    /// Where one looks from, as in "from the front".
+    /// Name of the view, such as "from the front".
     pub name: String,
-    /// A PNG of the first frame, and of each other frame one to be laid over it, as [`pliant_render::to_overlays`] makes
-    /// them.
+    /// A PNG of the first frame, and an overlay for each other frame, from
+    /// [`pliant_render::to_overlays`].
     pub pictures: Vec<Vec<u8>>,
 }
 
-/// What moves the slider and shows the pictures; the same for every page. The pictures are attributes of the page.
+/// The script of the slider and the pictures; equal for all pages. The pictures are attributes of
+/// the page.
 const SCRIPT: &str = include_str!("turntable.js");
 
-/// The part of a page's policy that lets this script run and no other: its SHA-256.
+/// The part of a page's policy that permits only this script: its SHA-256.
 pub(super) const POLICY: &str =
     "; script-src 'sha256-Sf2u9QKDpvz3NBygAulanpCWeFmSaC36Hh4uhWlRNTw='";
 
-/// Without the script and on paper only the first picture is shown.
+/// Without the script and on paper only the first picture is visible.
 pub(super) const STYLE: &str = "\
 .turntable{display:grid;grid-template-columns:minmax(0,1fr);padding:0;overflow:hidden}
 .turntable img,.turntable canvas{display:block;width:100%;height:auto;background:#fff}
@@ -57,7 +58,7 @@ min-width:76px;padding:6px 12px;cursor:pointer}
 ";
 
 impl Turntable {
-    /// Appends the section; nothing if there are no pictures.
+    /// Appends the section; nothing without pictures.
     pub(super) fn write(&self, html: &mut String) {
         let Some((side, first)) = self
             .sides
@@ -83,7 +84,7 @@ impl Turntable {
             numbers.join(" ")
         );
         for (number, side) in self.sides.iter().enumerate() {
-            // What stands on the page already is not written twice.
+            // A picture that is already on the page is not repeated.
             let known = |k: usize| number == 0 && k == 0;
             let picture = |(k, bytes): (usize, &Vec<u8>)| {
                 if known(k) {
@@ -254,7 +255,7 @@ mod tests {
                 && html.contains("value=\"&quot;behind&quot;\"")
         );
         assert!(html.contains(POLICY) && html.contains(STYLE));
-        // One script, that of the turn-table, and nothing that ends it early.
+        // One script, that of the turntable, and nothing that ends it early.
         assert_eq!(
             (
                 html.matches("<script").count(),

@@ -1,4 +1,4 @@
-//! What accuracy costs, as a table, a CSV, a plot, JSON and a page.
+//! The cost of accuracy, as a table, a CSV, a plot, JSON and a page.
 
 use serde_json::{Value, json};
 
@@ -51,12 +51,12 @@ const COLUMNS: [&str; 30] = [
     "on_front",
 ];
 
-/// Whether an error of a row can be told from the reference's own uncertainty.
+/// True if the error of a row exceeds the reference's uncertainty.
 pub fn is_certain(row: &Row) -> bool {
     row.error.rms >= row.uncertainty_m
 }
 
-/// Measures of a study.
+/// The JSON of `--json`.
 pub fn to_json(study: &Study) -> Value {
     let rows: Vec<Value> = study.rows.iter().map(|row| row_json(study, row)).collect();
     let recommended = study.recommended.iter().map(|r| {
@@ -165,7 +165,7 @@ fn cells(study: &Study, row: &Row, on_front: bool) -> Vec<String> {
     cells
 }
 
-/// Error against time, a colour a solver, with the front.
+/// Error over time, one colour per solver, with the Pareto front.
 pub fn plot(study: &Study) -> LinePlot {
     let total = |row: &Row| (row.error.rms + row.model_error_m) * 1e3;
     let fine = |row: &&Row| row.status != Status::Diverged;
@@ -295,7 +295,7 @@ pub fn table(study: &Study) -> Table {
     table
 }
 
-/// What has to be known to read the numbers.
+/// Notes on the meaning of the numbers.
 pub fn notes(study: &Study) -> Vec<String> {
     let r = &study.reference;
     let mut notes = vec![
@@ -336,7 +336,7 @@ pub fn notes(study: &Study) -> Vec<String> {
         ));
     }
     if !study.left_out.is_empty() {
-        // Variants in lanes, threads and ways to look for contact are told once.
+        // Variants of lanes, threads and methods of contact search appear once.
         let mut names: Vec<String> = Vec::new();
         for name in study
             .left_out

@@ -1,4 +1,4 @@
-//! The scenes of a study: every combination of its values, and the runs that they are compared with.
+//! The scenes of a study: every combination of its values, and their reference runs.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -13,17 +13,17 @@ use pliant::scene::study::{Change, Combine, StudyFile};
 use pliant::scene::{Effects, Material, Scene, SceneError, Solver};
 use pliant::simulation::{Assets, LoadError, Plan, Scenario, Simulation, scenario};
 
-/// What a run is for.
+/// Purpose of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// A row of the study.
     Combination,
-    /// Only to be compared with.
+    /// A reference only.
     Reference,
 }
 
 impl Role {
-    /// For tables.
+    /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Combination => "combination",
@@ -32,14 +32,14 @@ impl Role {
     }
 }
 
-/// What is run.
+/// The subject of a run.
 #[derive(Clone, Debug)]
 pub enum Subject {
     /// Muscles.
     Muscles {
         /// The scene.
         scene: Box<Scene>,
-        /// Its meshes, shared with other combinations where they are the same.
+        /// Meshes, shared with other combinations if they are equal.
         assets: Arc<Assets>,
     },
     /// A scene of another kind, and the time that its plan expects it to take [s].
@@ -71,29 +71,29 @@ pub fn muscles(scene: &Scene, assets: &Assets) -> Result<Simulation, LoadError> 
 /// One scene of a study.
 #[derive(Clone, Debug)]
 pub struct Combination {
-    /// What it is for.
+    /// Purpose of the run.
     pub role: Role,
-    /// What tells it from the others, for people.
+    /// Label that distinguishes it from the others.
     pub label: String,
-    /// The value of each varied key, `None` where it is that of the scene with its fixed changes.
+    /// The value of each varied key; `None` for the value of the scene with its fixed changes.
     pub values: Vec<Option<String>>,
-    /// The changes that make it, besides the fixed ones.
+    /// Changes besides the fixed ones.
     pub changes: Vec<Change>,
-    /// What is run.
+    /// The subject of the run.
     pub subject: Subject,
-    /// Everything that its result depends on, as text.
+    /// All inputs of its result, as text.
     pub key: String,
-    /// Index of the combination that it is compared with.
+    /// Index of its reference run.
     pub reference: Option<usize>,
 }
 
 impl Combination {
-    /// The file of its result in the study's folder.
+    /// The file of the result in the study's folder.
     pub fn file(&self) -> String {
         format!("runs/{}.json", name_of(&self.key))
     }
 
-    /// Time that the plan expects it to take [s].
+    /// Time as estimated by the plan [s].
     pub fn expected_s(&self) -> f64 {
         match &self.subject {
             Subject::Muscles { scene, assets } => seconds(&Plan::new(scene, assets), scene.frames),
@@ -101,7 +101,7 @@ impl Combination {
         }
     }
 
-    /// Frames of its scene.
+    /// Number of frames of the scene.
     pub fn frames(&self) -> usize {
         match &self.subject {
             Subject::Muscles { scene, .. } => scene.frames,
@@ -109,7 +109,7 @@ impl Combination {
         }
     }
 
-    /// The measures that its runs have.
+    /// The measures of its runs.
     pub fn measures(&self) -> &'static [Measure] {
         match &self.subject {
             Subject::Muscles { .. } | Subject::Other(Content::Muscles(_), _) => &OF_MUSCLES,
@@ -119,7 +119,7 @@ impl Combination {
     }
 }
 
-/// What a plan expects so many frames to take [s].
+/// Estimated time of `frames` frames of a plan [s].
 fn seconds(plan: &Plan, frames: usize) -> f64 {
     plan.run.iter().map(|p| p.ms_per_frame).sum::<f64>() * 1e-3 * frames as f64
 }
@@ -131,28 +131,29 @@ pub struct Combinations {
     pub name: String,
     /// Name of the scene.
     pub scene: String,
-    /// How the lists were combined.
+    /// Rule of the combination.
     pub combine: Combine,
-    /// The varied keys, and how labels call them.
+    /// The varied keys, with their names in labels.
     pub varied: Vec<(String, String)>,
-    /// Frames to look at, sorted.
+    /// Compared frames, sorted.
     pub frames: Vec<usize>,
-    /// Measures to show; `None` for all.
+    /// Displayed measures; `None` for all.
     pub measures: Option<Vec<String>>,
     /// Combinations in the order of the file, then references.
     pub all: Vec<Combination>,
-    /// What a reader should know.
+    /// Notes for the reader.
     pub notes: Vec<String>,
 }
 
-/// Values chosen: one of each varied key, or none.
+/// A choice of values: one of each varied key, or none.
 type Choice<'a> = Vec<Option<&'a Change>>;
 
 impl Combinations {
-    /// Makes and checks all scenes of a study: each is parsed, its meshes are read, its muscles are built once.
+    /// Creates and checks all scenes of a study: each is parsed, its meshes are read, its muscles
+    /// are created once.
     ///
     /// # Errors
-    /// The first combination that cannot be run, at its value in the study file.
+    /// The first combination that cannot run, at its value in the study file.
     pub fn of(file: &StudyFile) -> Result<Self, SceneError> {
         let choices = choices(file);
         let short = short_names(file);
@@ -180,7 +181,7 @@ impl Combinations {
                 &given(choice),
                 scene,
             )?;
-            // A value alone that the scene has anyway is the scene itself.
+            // A single value that the scene already has gives the scene itself.
             if file.combine == Combine::OneAtATime
                 && let Some(base) = all.first_mut().filter(|base| base.key == found.key)
             {
@@ -226,7 +227,7 @@ impl Combinations {
     }
 }
 
-/// The frames to look at where the file names none: start, middle and end.
+/// The default compared frames: start, middle and end.
 fn looked_at(scenes: &[Content]) -> Vec<usize> {
     let last = scenes.iter().map(Content::frames).min().unwrap_or(0);
     let mut frames = vec![0, last / 2, last];
@@ -238,7 +239,7 @@ fn given<'a>(choice: &Choice<'a>) -> Vec<&'a Change> {
     choice.iter().copied().flatten().collect()
 }
 
-/// Every combination, the last key changing fastest; or the scene itself and each value alone.
+/// Every combination, the last key varying fastest; or the scene itself and each value separately.
 fn choices(file: &StudyFile) -> Vec<Choice<'_>> {
     let none = vec![None; file.vary.len()];
     match file.combine {
@@ -277,7 +278,7 @@ fn choices(file: &StudyFile) -> Vec<Choice<'_>> {
     }
 }
 
-/// The last part of each key, or the whole where two keys end alike.
+/// The last part of each key, or the whole key if two end alike.
 fn short_names(file: &StudyFile) -> Vec<String> {
     let last = |key: &str| key.rsplit('.').next().unwrap_or(key).to_owned();
     let ends: Vec<String> = file.vary.iter().map(|v| last(&v.key)).collect();
@@ -303,7 +304,7 @@ fn label(short: &[String], choice: &Choice<'_>) -> String {
     pairs.collect::<Vec<_>>().join(", ")
 }
 
-/// The scene itself is called so, with the values of the lists that it has.
+/// Labels the scene itself, with its values of the varied keys.
 fn name_base(all: &mut [Combination], short: &[String], combine: Combine) {
     let Some(base) = all.first_mut().filter(|_| combine == Combine::OneAtATime) else {
         return;
@@ -364,7 +365,7 @@ impl Making<'_> {
         })
     }
 
-    /// The run that each combination is compared with: itself with the changes of `[reference]`.
+    /// The reference run of each combination: itself with the changes of `[reference]`.
     fn references(
         &mut self,
         all: &mut Vec<Combination>,
@@ -372,7 +373,7 @@ impl Making<'_> {
     ) -> Result<(), SceneError> {
         let none = vec![None; self.file.vary.len()];
         let mut known: HashMap<String, usize> = HashMap::new();
-        // Rows that were put together with the first have the same reference.
+        // Rows that were merged with the first have the same reference.
         let rows: Vec<(usize, &Vec<&Change>)> = match self.file.combine {
             Combine::All => chosen.iter().enumerate().collect(),
             Combine::OneAtATime => {
@@ -430,7 +431,7 @@ impl Making<'_> {
     }
 }
 
-/// Meshes that were read, by what of a scene decides them.
+/// Meshes read so far, with the parts of the scene that determine them.
 #[derive(Default)]
 struct Meshes(Vec<(Scene, Arc<Assets>)>);
 
@@ -446,7 +447,7 @@ impl Meshes {
     }
 }
 
-/// A scene with all that its meshes do not depend on left out.
+/// A scene without the parts that do not affect its meshes.
 fn shape_of(scene: &Scene) -> Scene {
     let mut shape = scene.clone();
     let volume = scene
@@ -469,10 +470,11 @@ fn shape_of(scene: &Scene) -> Scene {
     shape
 }
 
-/// Builds the muscles of each scene once, so that what cannot be held or factored is told before anything runs.
+/// Creates the muscles of each scene once, so that attachment and factorisation errors appear
+/// before any run.
 fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
     all.par_iter().try_for_each(|c| {
-        // A scene without muscles was made ready for its plan.
+        // A scene without muscles was prepared for its plan.
         let Subject::Muscles { scene, assets } = &c.subject else {
             return Ok(());
         };
@@ -483,7 +485,7 @@ fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError>
     })
 }
 
-/// Refuses a measure that the scene does not have.
+/// Rejects a measure that the scene does not have.
 fn check_measures(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
     let (Some(wanted), Some(first)) = (&file.measures, all.first()) else {
         return Ok(());
@@ -501,7 +503,7 @@ fn check_measures(file: &StudyFile, all: &[Combination]) -> Result<(), SceneErro
     }
 }
 
-/// A time for people.
+/// A time as text.
 pub fn in_words(seconds: f64) -> String {
     match seconds {
         s if s < 0.1 => "less than 0.1 s".to_owned(),

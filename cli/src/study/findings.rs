@@ -1,4 +1,4 @@
-//! What a study found: one row a combination, as a table, a CSV, JSON and a page.
+//! The results of a study: one row per combination, as a table, a CSV, JSON and a page.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -14,10 +14,10 @@ use crate::report::{Report, Table};
 use pliant::accuracy::Distance;
 use pliant::format::number;
 
-/// A measure: its name, its head in tables, and the factor to the unit there.
+/// A measure: name, header in tables, and factor to the unit there.
 pub type Measure = (&'static str, &'static str, f64);
 
-/// Measures of scenes of muscles; of several muscles the greatest counts.
+/// Measures of scenes of muscles; the greatest over several muscles.
 pub const OF_MUSCLES: [Measure; 8] = [
     ("time_s", "time [s]", 1.0),
     ("volume_error", "volume error", 1.0),
@@ -37,7 +37,7 @@ pub const OF_MUSCLES: [Measure; 8] = [
     ("error_estimate_m", "error estimate [mm]", 1e3),
 ];
 
-/// Measures of scenes of skin, of all implants together, in the last frame.
+/// Measures of scenes of skin, for all implants together, in the last frame.
 pub const OF_SKIN: [Measure; 13] = [
     ("time_s", "time [s]", 1.0),
     ("implant_volume_m3", "volume [cc]", 1e6),
@@ -69,7 +69,7 @@ pub const OF_LATTICES: [Measure; 3] = [
     ),
 ];
 
-/// The names of all measures that some scene has.
+/// The names of all measures of any scene.
 pub fn names() -> Vec<&'static str> {
     let mut all: Vec<&str> = Vec::new();
     for (name, ..) in OF_MUSCLES.iter().chain(&OF_SKIN).chain(&OF_LATTICES) {
@@ -83,20 +83,20 @@ pub fn names() -> Vec<&'static str> {
 /// One row.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// What it is for.
+    /// Purpose of the run.
     pub role: Role,
-    /// For people.
+    /// Label of the run.
     pub label: String,
-    /// The value of each varied key; `None` where it is the scene's own.
+    /// The value of each varied key; `None` for that of the scene.
     pub values: Vec<Option<String>>,
-    /// `None` for a run that was not made.
+    /// `None` if the run does not exist.
     pub outcome: Option<Outcome>,
-    /// Distance to the reference at each frame looked at; `None` without one.
+    /// Distance to the reference at each compared frame; `None` without one.
     pub errors: Vec<Option<Distance>>,
 }
 
 impl Row {
-    /// How it ended.
+    /// Result of the run.
     pub fn status(&self) -> &'static str {
         self.outcome.as_ref().map_or("not run", Outcome::status)
     }
@@ -112,14 +112,14 @@ impl Row {
 #[derive(Clone, Debug)]
 pub struct Findings<'a> {
     study: &'a Combinations,
-    /// Rows in the order of the study; their outcomes without positions.
+    /// Rows in the order of the study; their outcomes lack the positions.
     pub rows: Vec<Row>,
-    /// Whether something has not been run.
+    /// True if a run is missing.
     pub interrupted: bool,
     notes: Vec<String>,
 }
 
-/// A number for CSV: the shortest text that reads back to the same bits; nothing for one that is not finite.
+/// A number for CSV: the shortest text that reads back to the same bits; empty if it is not finite.
 fn cell(value: f64) -> String {
     if value.is_finite() {
         format!("{value:?}")
@@ -136,14 +136,14 @@ fn finite(value: f64) -> Value {
     }
 }
 
-/// RMS and greatest distance of all vertices; `None` where the meshes differ.
+/// RMS and greatest distance of all vertices; `None` for different meshes.
 fn distance(a: &Positions, b: &Positions) -> Option<Distance> {
     let alike = a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.len() == b.len());
     alike.then(|| Distance::between(&[a.concat()], &[b.concat()]))
 }
 
 impl<'a> Findings<'a> {
-    /// Reads what there is of a study in its folder.
+    /// Reads the existing results of a study from its folder.
     pub fn of(study: &'a Combinations, folder: &Path) -> Self {
         let mut notes = study.notes.clone();
         let mut rows = Vec::new();
@@ -175,7 +175,7 @@ impl<'a> Findings<'a> {
                     o.stopped.as_ref()?
                 ))
             }));
-            // Positions of all runs at once may not fit into memory.
+            // The positions of all runs together can exceed the memory.
             let outcome = outcome.map(|o| Outcome {
                 positions: Vec::new(),
                 ..o
@@ -222,7 +222,7 @@ impl<'a> Findings<'a> {
         all.iter().filter(move |(name, ..)| wanted(name))
     }
 
-    /// For people.
+    /// The table for the user.
     pub fn table(&self) -> Table {
         let mut heads = vec!["run".to_owned(), "status".to_owned(), "frames".to_owned()];
         heads.extend(self.measures().map(|(_, head, _)| (*head).to_owned()));
@@ -263,7 +263,7 @@ impl<'a> Findings<'a> {
     /// Writes `study.csv`.
     ///
     /// # Errors
-    /// What the writer says.
+    /// Errors of the writer.
     pub fn write_csv(&self, w: &mut impl Write) -> io::Result<()> {
         let mut heads = vec!["label".to_owned(), "run".to_owned()];
         heads.extend(self.study.varied.iter().map(|(key, _)| quoted(key)));
@@ -305,7 +305,7 @@ impl<'a> Findings<'a> {
         Ok(())
     }
 
-    /// As `--json` gives it.
+    /// The JSON of `--json`.
     pub fn to_json(&self) -> Value {
         let rows: Vec<Value> = self.rows.iter().map(|row| self.row_json(row)).collect();
         json!({
@@ -355,7 +355,7 @@ impl<'a> Findings<'a> {
         all
     }
 
-    /// Writes table, sheet and page into the folder; gives the names of the sheets.
+    /// Writes table, sheet and page to the folder. Returns the names of the sheets.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -379,7 +379,7 @@ impl<'a> Findings<'a> {
                 source: io::Error::other(e),
             })?;
             folder.write(&name, |w| w.write_all(&png))?;
-            // A page of hundreds of sheets would open in no browser.
+            // A page with hundreds of sheets is too large for browsers.
             if k < MOST_SHOWN {
                 sheets.push((
                     format!(
@@ -441,10 +441,10 @@ impl<'a> Findings<'a> {
     }
 }
 
-/// Sheets that the page shows at most.
+/// Greatest number of sheets on the page.
 const MOST_SHOWN: usize = 12;
 
-/// Three digits, which is what tables have room for.
+/// Three digits, the width of table columns.
 fn short(value: f64) -> String {
     let digits = if value == 0.0 {
         0

@@ -1,4 +1,4 @@
-//! Everything that the result of a run depends on, as a text to compare and a name of a file.
+//! All inputs of a run's result, as a text for comparison and as a file name.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -10,7 +10,7 @@ use pliant::scene::content::{Content, SkinSurface};
 use pliant::scene::{Area, Scene, Source};
 use pliant::state::Hash;
 
-/// Layout of the stored results: another number makes all old ones unfit.
+/// Version of the layout of stored results: another number invalidates all old ones.
 const LAYOUT: u32 = 2;
 
 /// Hashes of files, each read once.
@@ -35,8 +35,8 @@ impl Contents {
     }
 }
 
-/// The library, the frames whose positions are kept, the contents of the scene's files, and the scene in SI units with every
-/// change. The text of a command is no part of it.
+/// The scene in SI units with every change, the contents of its files, this program, and the stored
+/// frames.
 ///
 /// # Errors
 /// A file that cannot be read.

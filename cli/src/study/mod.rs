@@ -1,8 +1,9 @@
-//! Parameter studies: every combination of lists of values over a scene, run once, kept, compared in one table and on
-//! one sheet of pictures.
+//! Parameter studies: all combinations of lists of values over a scene, each run once, stored, and
+//! compared in one table and on one sheet of pictures.
 //!
-//! A [`StudyFile`](pliant::scene::StudyFile) is what was written. [`Combinations`] are its scenes, all checked before
-//! anything runs. [`execute`] runs those whose [`Outcome`] is not in the folder yet, and [`Findings`] compare them.
+//! A [`StudyFile`](pliant::scene::StudyFile) is the file as written. [`Combinations`] are its
+//! scenes, all checked before any run. [`execute`] runs those without an [`Outcome`] in the folder,
+//! and [`Findings`] compare them.
 
 pub mod combinations;
 pub mod findings;

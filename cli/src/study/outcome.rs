@@ -1,4 +1,4 @@
-//! What is kept of a run: its numbers and the positions at the frames looked at, every bit of them.
+//! The stored result of a run: its numbers and the positions at the compared frames, with all bits.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -9,30 +9,30 @@ use serde_json::{Map, Value, json};
 /// Positions of all vertices [m], `[muscle][vertex]`.
 pub type Positions = Vec<Vec<Point3<f64>>>;
 
-/// What is kept of a run.
+/// The stored result of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// Frames computed.
+    /// Number of computed frames.
     pub frames: usize,
-    /// Frames of muscles that were not converged.
+    /// Number of frames of muscles that did not converge.
     pub not_converged: usize,
-    /// Where and by what it was stopped, in words.
+    /// Place and cause of a stop.
     pub stopped: Option<String>,
-    /// Whether that is because it diverged.
+    /// True if the run diverged.
     pub diverged: bool,
     /// Numbers by the name of their measure.
     pub numbers: Vec<(String, f64)>,
-    /// Positions at each frame looked at that was reached.
+    /// Positions at each compared frame that was reached.
     pub positions: Vec<(usize, Positions)>,
-    /// Least and greatest corner of the muscles at those frames [m].
+    /// Least and greatest corner of the muscles in those frames [m].
     pub bounds: Option<[Point3<f64>; 2]>,
-    /// The mean absolute strain of a vertex's edges that all but a few vertices stay below, in the worst of those
-    /// frames.
+    /// A high quantile over the vertices of the mean absolute strain of their edges, in the worst
+    /// of those frames.
     pub stretch: f64,
 }
 
 impl Outcome {
-    /// A number by its name; NaN for one that is not there.
+    /// A number by its name; NaN if it does not exist.
     pub fn number(&self, name: &str) -> f64 {
         self.numbers
             .iter()
@@ -48,7 +48,7 @@ impl Outcome {
             .map(|(_, x)| x)
     }
 
-    /// How it ended, for tables.
+    /// Result for tables.
     pub fn status(&self) -> &'static str {
         match (&self.stopped, self.not_converged) {
             (Some(_), _) if self.diverged => "diverged",
@@ -58,10 +58,10 @@ impl Outcome {
         }
     }
 
-    /// Writes it with the key that it belongs to.
+    /// Writes the result with its key.
     ///
     /// # Errors
-    /// What the writer refuses.
+    /// Errors of the writer.
     pub fn write(&self, key: &str, w: &mut impl Write) -> io::Result<()> {
         let numbers: Map<String, Value> = self
             .numbers
@@ -86,7 +86,8 @@ impl Outcome {
         serde_json::to_writer(w, &all).map_err(io::Error::from)
     }
 
-    /// Reads one of this key back; `None` for a file that is not there, is damaged, or belongs to another key.
+    /// Reads a result with this key; `None` for a file that does not exist, is damaged, or has
+    /// another key.
     pub fn read(path: &Path, key: &str) -> Option<Self> {
         let all: Value = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
         if all["key"].as_str()? != key {
@@ -125,7 +126,8 @@ impl Outcome {
     }
 }
 
-/// A number as a text that reads back to the same bits, NaN and infinity too, of which JSON has none.
+/// A number as a text that reads back to the same bits, including NaN and infinity, which JSON
+/// lacks.
 fn exact(value: f64) -> Value {
     Value::String(format!("{value:?}"))
 }
@@ -134,7 +136,7 @@ fn inexact(value: &Value) -> Option<f64> {
     value.as_str()?.parse().ok()
 }
 
-/// Coordinates, 16 digits of their bits each.
+/// Coordinates as 16 hexadecimal digits of their bits each.
 fn packed(points: &[Point3<f64>]) -> String {
     points
         .iter()
@@ -201,7 +203,7 @@ mod tests {
         assert_eq!(back, outcome());
         assert!(back.positions[0].1[0][0].y.is_sign_negative());
         assert_eq!(Outcome::read(&path, "the key"), None, "another key");
-        // Cut at any place it is no outcome.
+        // Truncated at any place it is no result.
         for length in (0..bytes.len()).step_by(37) {
             std::fs::write(&path, &bytes[..length]).unwrap();
             assert_eq!(Outcome::read(&path, "the key\n"), None, "cut at {length}");

@@ -1,4 +1,4 @@
-//! Runs the combinations of a study, many at once, each on threads of its own.
+//! Runs the combinations of a study, several at once, each with its own threads.
 
 use std::collections::HashSet;
 use std::ops::ControlFlow;
@@ -23,7 +23,7 @@ use pliant::simulation::{
 };
 use pliant::solvers::DIVERGENCE;
 
-/// Combinations that have no result in the folder yet, equal ones once; all without a folder.
+/// Combinations without a result in the folder, equal ones once; all without a folder.
 pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
     let mut seen = HashSet::new();
     let kept = |c: &Combination| {
@@ -39,12 +39,11 @@ pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
         .collect()
 }
 
-/// Runs the combinations `wanted`, as many at once as there are `threads`, and writes each result as it is finished.
-/// One that is ended by the progress leaves none; progress hears of each frame of each combination, with an empty stage,
-/// from several threads. `done` hears of each finished combination. The results do not depend on the number of threads.
+/// Runs the combinations `wanted`, `threads` of them at once, and writes each complete result. A
+/// run that `watch` stops leaves none. The results do not depend on the number of threads.
 ///
 /// # Errors
-/// A result that cannot be written; the others are then ended.
+/// A result that cannot be written; the other runs then stop.
 pub fn execute(
     study: &Combinations,
     wanted: &[usize],
@@ -53,7 +52,7 @@ pub fn execute(
     progress: &(dyn Progress + Sync),
     done: &(dyn Fn(&Combination, &Outcome) + Sync),
 ) -> Result<(), FolderError> {
-    // Foreign files in the way are told of before hours are spent.
+    // Foreign files in the way are reported before hours of computation.
     wanted
         .iter()
         .try_for_each(|&k| folder.claim(&study.all[k].file()).map(|_| ()))?;
@@ -63,8 +62,8 @@ pub fn execute(
     std::thread::scope(|scope| {
         for _ in 0..workers {
             scope.spawn(|| {
-                // A pool of its own: a run that waits in a common one would take another run's work into its time.
-                // Where the system gives no threads, those at hand serve.
+                // A separate pool: a run that waits in a common one would include another run's
+                // work in its time. If the system gives no threads, the present ones are used.
                 let pool = rayon::ThreadPoolBuilder::new()
                     .num_threads((threads / workers).max(1))
                     .build()
@@ -106,7 +105,7 @@ pub fn execute(
         })
 }
 
-/// Runs one combination; `None` where it was ended before its last frame.
+/// Runs one combination; `None` if it was stopped before its last frame.
 fn simulate(
     combination: &Combination,
     frames: &[usize],
@@ -125,7 +124,7 @@ fn of_muscles(
     progress: &dyn Progress,
 ) -> Option<Outcome> {
     let begun = Instant::now();
-    // It was built once before; only a file that changed since could keep it from being built, and files are not read.
+    // The simulation was created once before, and files are not read again, so this cannot fail.
     let mut simulation = muscles(scene, assets).ok()?;
     let mut looks = Looks::new(frames, simulation.description());
     let mut recorded = Recorded::default();
@@ -214,7 +213,7 @@ fn bounds(positions: &[(usize, Positions)]) -> Option<[Point3<f64>; 2]> {
         .map(|b| [b.min, b.max])
 }
 
-/// Gathers positions at the frames looked at.
+/// Collects positions at the compared frames.
 struct Looks<'a> {
     frames: &'a [usize],
     scene: SceneDescription,
@@ -224,7 +223,7 @@ struct Looks<'a> {
 
 impl<S: Scenario + ?Sized> Observer<S> for Looks<'_> {
     fn frame(&mut self, scenario: &S, _: Duration) -> ControlFlow<()> {
-        // What was stopped stays where it was: no picture of the scene at that frame.
+        // A stopped body stays in place and gives no picture at that frame.
         let stopped = match scenario.kind() {
             ScenarioKind::Muscles(simulation) => {
                 simulation.bodies.iter().any(|b| b.stopped.is_some())

@@ -1,4 +1,4 @@
-//! The sheet of pictures: a row for each run, a column for each frame looked at, errors below the pictures.
+//! The sheet of pictures: a row per run, a column per compared frame, errors below the pictures.
 
 use std::path::Path;
 
@@ -15,19 +15,20 @@ use pliant_render::{Canvas, Frame, Rgb, TextStyle};
 
 /// Width of a picture [px].
 const WIDTH: u32 = 240;
-/// Least and greatest height of a picture [px]; between them it is that of what is shown.
+/// Least and greatest height of a picture [px]; in between the aspect ratio of the visible region
+/// decides.
 const HEIGHT: (f64, f64) = (100.0, 240.0);
 /// Width of the labels [px].
 const LABEL: usize = 240;
-/// Between pictures [px].
+/// Gap between pictures [px].
 const GAP: usize = 8;
-/// Height of the names of frames [px].
+/// Height of the frame names [px].
 const HEAD: usize = 36;
 /// Height of a line of text [px].
 const LINE: usize = 22;
-/// Rows of one page: it stays readable, and small in memory.
+/// Number of rows of one page: it stays readable and small in memory.
 const ROWS: usize = 16;
-/// A run that spreads further than so many times the median of all does not decide the camera.
+/// A run with a greater extent, relative to the median of all, does not affect the camera.
 const WILD: f64 = 3.0;
 
 const INK: Rgb = [0.16, 0.17, 0.19];
@@ -36,7 +37,8 @@ const BAD: Rgb = [0.75, 0.2, 0.11];
 const PAPER: Rgb = [1.0; 3];
 const BLANK: Rgb = [0.955, 0.958, 0.965];
 
-/// Indices of the runs of each page: every reference stands before the first run that is compared with it.
+/// Indices of the runs of each page: every reference precedes the first run that is compared with
+/// it.
 pub fn pages(study: &Combinations, rows: &[Row]) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> = Vec::new();
     for (k, combination) in study.all.iter().enumerate() {
@@ -50,7 +52,7 @@ pub fn pages(study: &Combinations, rows: &[Row]) -> Vec<Vec<usize>> {
     order.chunks(ROWS).map(<[usize]>::to_vec).collect()
 }
 
-/// Draws one page; `None` where no run of the study has a picture.
+/// Draws one page; `None` if no run of the study has a picture.
 pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -> Option<Frame> {
     let stage = stage(study, rows)?;
     let legend = stage.legend().large();
@@ -127,7 +129,7 @@ pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -
     Some(sheet)
 }
 
-/// What stands below a picture.
+/// The text below a picture.
 fn caption(row: &Row, column: usize, shown: bool) -> Vec<(String, Rgb)> {
     let mm = |length: f64| number((length * 1e5).round() / 1e2);
     match row.errors.get(column).copied().flatten() {
@@ -140,7 +142,7 @@ fn caption(row: &Row, column: usize, shown: bool) -> Vec<(String, Rgb)> {
     }
 }
 
-/// The label in lines, and how the run ended.
+/// Writes the label in lines, and the result of the run.
 fn write_label(sheet: &mut Frame, top: usize, row: &Row, height: usize) {
     let style = TextStyle::Large;
     let fits = (LABEL - 2 * GAP) / style.width("m").max(1) as usize;
@@ -169,7 +171,7 @@ fn write_label(sheet: &mut Frame, top: usize, row: &Row, height: usize) {
     }
 }
 
-/// A text in lines of at most so many characters, broken at spaces where that can be.
+/// A text in lines of at most `fits` characters, broken at spaces if possible.
 fn wrapped(text: &str, fits: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {
@@ -199,7 +201,7 @@ fn wrapped(text: &str, fits: usize) -> Vec<String> {
 
 /// The camera and the colours of all pictures.
 fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
-    // One that was ended goes wild before; it decides only where there is no other.
+    // A diverged run is extreme before its end; it only decides if there is no other.
     let ended = rows
         .iter()
         .filter_map(|r| r.outcome.as_ref())
@@ -227,7 +229,7 @@ fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
     Some(Stage::new(&scene, &first, &bounds, stretch))
 }
 
-/// The pictures of one run, one for each frame; `None` for a frame that it did not reach.
+/// The pictures of one run, one per frame; `None` for a frame that it did not reach.
 fn pictures(
     study: &Combinations,
     combination: &Combination,
@@ -246,7 +248,7 @@ fn pictures(
     let painter = Painter::on(&scene, stage);
     let shot = |frame: usize, x: &Positions| FrameState {
         frame,
-        // No picture tells its time.
+        // The pictures do not show the time.
         time: 0.0,
         bodies: x.iter().map(|x| (x.clone(), Vec::new())).collect(),
         bones: scenario.poses(frame),

@@ -13,12 +13,12 @@ use crate::fibres::{assert_good, measured};
 enum Given {
     Patch(&'static str, Option<usize>),
     Near(&'static str, f64),
-    /// The psoas's origin beside the vertebrae, which the data lack: a strip set by hand.
+    /// The origin of the psoas beside the vertebrae, which the data lack: a strip set by hand.
     Strip,
 }
 use Given::{Near, Patch, Strip};
 
-/// A muscle, its areas, and the least coverage: 0.95 where that is reached.
+/// A muscle with its areas and its least coverage: 0.95 where possible.
 type Row = (&'static str, Given, Given, f64);
 
 const ROWS: &[Row] = &[

@@ -1,4 +1,4 @@
-//! Areas and muscles that are refused, each with its place.
+//! Areas and muscles that are rejected, each with its place.
 
 use nalgebra::{Point3, Vector3};
 use pliant::fibres::attachment::{AreaSource, Attachment, AttachmentError, End};
@@ -140,7 +140,7 @@ fn muscles() {
         matches!(error, DecompositionError::NoInside { .. }),
         "{error}"
     );
-    // Two boxes, an area on each.
+    // Two boxes with an area on each.
     let mut two = mesh.clone();
     let count = two.vertices.len() as u32;
     two.vertices.extend(
@@ -188,7 +188,7 @@ fn what_is_stopped_says_so() {
         decompose(&mesh, &areas, options).expect("fibres").fibres
     );
     assert!(asked.get() >= 40, "asked {} times", asked.get());
-    // At any question, and never asked again.
+    // Stops at each check, with no check afterwards.
     for last in 0..asked.get() {
         let left = std::cell::Cell::new(last);
         let stopped = decompose_while(&mesh, &areas, &[], options, &|_| {

@@ -1,4 +1,4 @@
-//! Shapes whose fibres are known.
+//! Shapes with known fibres.
 
 use nalgebra::{Point3, Vector3};
 use pliant::fibres::polyline::length;
@@ -29,7 +29,7 @@ fn a_cylinder_has_straight_fibres_and_a_linear_field() {
     });
     assert!(worst(off) <= 0.05 * slope * 0.16, "{slope}");
     assert!(slope > 0.0);
-    // Straight to a cell, in which the staircase of the grid is hidden.
+    // Straight up to a cell, the resolution of the grid.
     let side = found.field.cells.side;
     let drift = found.fibres.iter().flat_map(|f| {
         let middle = f[7];
@@ -56,7 +56,7 @@ fn a_tapered_tube_narrows_its_fibres_alike() {
     println!("{q:?}");
     assert_good("tapered", &q);
     assert!(q.coverage >= 0.95, "{q:?}");
-    // Each fibre keeps its share of the radius, so that all keep their shares of the volume.
+    // Each fibre keeps its share of the radius, so all keep their shares of the volume.
     let side = found.field.cells.side;
     let share = |p: &Point3<f64>| p.yz().coords.norm() / (0.02 * radius(p.x));
     let off = found
@@ -80,7 +80,7 @@ fn a_bent_tube_has_arcs_as_long_as_their_radius() {
     assert_good("bent", &q);
     assert!(q.coverage >= 0.95, "{q:?}");
     let side = found.field.cells.side;
-    // Across the tube lengths differ by a third; a fibre may stray by a cell.
+    // Across the tube lengths differ by a third; a fibre can deviate by a cell.
     let off = found
         .fibres
         .iter()
@@ -112,7 +112,7 @@ fn what_is_measured_sees_what_is_wrong() {
     moved[3][7] = Point3::new(0.0, 0.0, 0.025);
     let out = again(&moved, &[1.0]);
     assert_eq!(out.outside, 1);
-    // The tube's wall is a polygon of 24 sides: up to 1 - cos(pi/24) inside the circle.
+    // The wall of the tube is a polygon of 24 sides: up to 1 - cos(pi/24) inside the circle.
     assert!(
         out.outside_max_m >= 0.005 * (1.0 - T17) && out.outside_max_m <= 0.0052,
         "{out:?}"
@@ -121,7 +121,7 @@ fn what_is_measured_sees_what_is_wrong() {
     let mut moved = found.fibres.clone();
     moved[5][0].x += 0.001;
     assert!((again(&moved, &[1.0]).end_distance_max_m - 0.001).abs() <= 1e-5);
-    // A Jacobian that is negative, or unknown, somewhere.
+    // A Jacobian that is negative, or NaN, somewhere.
     assert_eq!(again(&found.fibres, &[1.0, -0.5, 2.0]).jacobian_min, -0.5);
     assert!(again(&found.fibres, &[1.0, f64::NAN]).jacobian_min.is_nan());
     // Two fibres in one place.
@@ -133,7 +133,8 @@ fn what_is_measured_sees_what_is_wrong() {
     half.retain(|f| f[7].y > 0.0);
     let bare = again(&half, &[1.0]).coverage;
     assert!(bare < 0.8 && q.coverage > 0.95, "{bare}");
-    // All fibres turned by a right angle against their line of action is not possible; a zigzag is seen.
+    // It is impossible to rotate all fibres by a right angle to their line of action; a zigzag is
+    // detected.
     let mut zigzag = found.fibres.clone();
     zigzag.iter_mut().for_each(|f| {
         f.iter_mut()

@@ -1,4 +1,4 @@
-//! Decomposition by slices, and what it cannot do.
+//! Decomposition by slices, and its limits.
 
 use nalgebra::{Point2, Point3, Vector3};
 use pliant::fibres::attachment::{AreaSource, Attachment};
@@ -29,7 +29,8 @@ fn a_cylinder_has_straight_parallel_fibres() {
     println!("{q:?}");
     assert_eq!((q.fibres, q.points, q.outside), (100, 1500, 0), "{q:?}");
     assert!(q.jacobian_min > 0.0 && q.coverage >= 0.99, "{q:?}");
-    // Contours have 24 corners at rings and 48 between, where diagonals are cut: the sagitta of a 24th of the circle.
+    // Contours have 24 corners at rings and 48 in between, where diagonals are cut: the sagitta of
+    // a 24th of the circle.
     let sagitta = 0.02 * (1.0 - (std::f64::consts::PI / 24.0).cos());
     let drift = fibres
         .iter()
@@ -61,7 +62,8 @@ fn points_of_star_shaped_muscles_are_inside() {
 
 #[test]
 fn where_a_muscle_ends_in_a_point_all_fibres_do_and_it_is_measured() {
-    // A tube that narrows to a thousandth towards its insertion, whose area is a band before the tip.
+    // A tube that narrows to a thousandth towards its insertion, with a band before the tip as the
+    // area.
     let (mesh, areas) = made(|p| {
         let width = 0.5 - 4.99 * p.x;
         Point3::new(p.x, p.y * width, p.z * width)
@@ -93,7 +95,7 @@ fn where_a_muscle_ends_in_a_point_all_fibres_do_and_it_is_measured() {
         q.spacing_min_m < 0.2 * of_wide.spacing_min_m,
         "{q:?} {of_wide:?}"
     );
-    // An area on the side is not reached, and the distance tells.
+    // The fibres do not reach an area on the side, and the distance shows it.
     let side: Vec<u32> = (0..wide.vertices.len() as u32)
         .filter(|&v| wide.vertices[v as usize].x.abs() < 0.02)
         .collect();
@@ -126,7 +128,7 @@ fn surfaces_that_are_none_are_cut_all_the_same() {
             .sum::<f64>()
             / fibres.len() as f64
     };
-    // Open, with triangles turned, with one three times, of genus 1.
+    // Open, with reversed triangles, with one triangle three times, of genus 1.
     let mut broken = mesh.clone();
     broken.triangles.remove(mesh.triangles.len() / 2);
     broken
@@ -151,7 +153,7 @@ fn surfaces_that_are_none_are_cut_all_the_same() {
             .len(),
         100
     );
-    // Two pieces with nothing between have no slice there.
+    // Two separate components have no slice between them.
     let mut two = mesh.clone();
     let count = two.vertices.len() as u32;
     two.vertices.extend(
@@ -188,7 +190,7 @@ fn what_has_no_axis_or_no_grid_is_refused() {
             .expect_err("refused");
         assert_eq!(error, SlicesError::TooFew { count, points });
     }
-    // Both bands lie around the middle of the tube: one of two halves, one between.
+    // Both bands are around the middle of the tube: one of two halves, one between.
     let pick = |low: f64, high: f64| -> Vec<u32> {
         let at = |v: &Point3<f64>| (low..high).contains(&v.x.abs());
         (0..mesh.vertices.len() as u32)
@@ -209,7 +211,7 @@ fn what_has_no_axis_or_no_grid_is_refused() {
             "{error}"
         );
     } else {
-        // The tube's diagonals are not symmetric, so that the middles may be a little apart.
+        // The diagonals of the tube are not symmetric, so the centres can be slightly apart.
         assert_eq!(error.expect("fibres").len(), 100);
     }
 }
@@ -236,7 +238,8 @@ fn contours_of_a_box_are_rectangles() {
 
 #[test]
 fn coordinates_reproduce_lines_and_the_sides() {
-    // A square contour that is the square itself, with points of no order along its sides: the map is the identity.
+    // A square contour that is the square itself, with irregular points on its sides: the map is
+    // the identity.
     let corners = [
         (0.0, 0.0),
         (0.3, 0.0),
@@ -257,14 +260,15 @@ fn coordinates_reproduce_lines_and_the_sides() {
         off.push((outline.of(&Point2::new(x, y)) - Point2::new(x, y)).norm());
     }
     assert!(worst(off) <= T1);
-    // Affine maps are kept.
+    // Affine maps are reproduced.
     let map = |p: &Point2<f64>| Point2::new(3.0 + 2.0 * p.x + 0.5 * p.y, 1.0 + p.y);
     let sheared: Vec<Point2<f64>> = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
         .iter()
         .map(|&(x, y)| Point2::new(4.0 * x, 2.0 * y))
         .collect();
     let outline = Outline::new(&sheared);
-    // By arc length a rectangle's corners do not fall onto those of the square: what is kept is the perimeter.
+    // By arc length a rectangle's corners do not map to those of the square: only the perimeter is
+    // preserved.
     let quarter = outline.of(&Point2::new(1.0, 0.0));
     assert!((quarter - Point2::new(3.0, 0.0)).norm() <= T1, "{quarter}");
     let bent: Vec<Point2<f64>> = square.iter().map(map).collect();
@@ -302,6 +306,6 @@ fn turned_and_moved_muscles_have_turned_and_moved_fibres() {
         .flatten()
         .zip(other.iter().flatten())
         .map(|(a, b)| (turn * a - b).norm());
-    // 2.3 m from the origin, over axes that are principal ones of nearly alike spread.
+    // 2.3 m from the origin, with principal axes of nearly equal variance.
     assert!(worst(off) <= 1e-8);
 }

@@ -40,8 +40,8 @@ fn a_cylinder_has_nearly_straight_fibres_that_end_on_its_caps() {
     // Ends are on triangles of the areas.
     assert!(q.end_distance_max_m <= 1e-12, "{q:?}");
     assert!(q.coverage >= 0.95, "{q:?}");
-    // Lines follow a map whose triangles are as long as an eighth of the tube around: fibres wind by so much at most, a chord
-    // of 15 mm over 200 mm, which makes them 0.3 % longer.
+    // Lines follow a map with triangles as long as an eighth of the circumference. Fibres wind by
+    // at most that, a chord of 15 mm over 200 mm, which makes them 0.3 % longer.
     let drift = fibres.iter().map(|f| (f[14].yz() - f[0].yz()).norm());
     println!("drift {:e}", worst(drift.clone()));
     assert!(worst(drift) <= 0.015);
@@ -88,7 +88,7 @@ fn inner_points_are_in_the_middle_of_their_springs() {
 #[test]
 fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
     let (mesh, areas) = made(|p| Point3::new(p.x, p.y + 2.0 * p.x * p.x, p.z));
-    // Long enough to tell from none: the cube has a side of 2 mm.
+    // Long enough to differ from zero: the cube has a side of 2 mm.
     let options = Options {
         count: 25,
         points: 5,
@@ -127,7 +127,7 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
             .filter(|(_, held)| *held)
             .map(|(p, _)| p),
     );
-    // (7.2), for this size: springs with stiffness 1/l0 have a tension of 1 N a strain.
+    // (7.2) for this size: springs with stiffness 1/l0 have a tension of 1 N per strain.
     let body = Body {
         mass: 1.0,
         tension: 1.0,
@@ -164,13 +164,13 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
         "{} steps, {apart:e} m apart, {moved:e} m from springs without length",
         settled.steps
     );
-    // Forces fell below 1e-11 of those that hold a point; the softest motion is a tenth as stiff.
+    // Forces are below 1e-11 of the scale; the softest mode has a tenth of the stiffness.
     assert!(apart <= 1e-9 * mesh.length(), "{apart}");
     assert!(
         moved > 100.0 * apart,
         "control: rest lengths do not matter, {moved}"
     );
-    // With the thesis's 0.003 they hardly do.
+    // With the thesis's 0.003 the effect is small.
     let thesis = grid(
         &mesh,
         &areas,
@@ -227,7 +227,8 @@ fn points_of_star_shaped_muscles() {
             q.end_distance_max_m <= 1e-12 && q.coverage >= 0.95,
             "{amount}: {q:?}"
         );
-        // Springs keep inner points within the hull of the held ones: inside where the muscle is convex, else nearly.
+        // Springs keep inner points within the hull of the fixed ones: inside a convex muscle,
+        // otherwise nearly.
         assert!(
             q.outside <= if amount == 0.0 { 0 } else { 5 },
             "{amount}: {q:?}"
@@ -289,7 +290,8 @@ fn surfaces_that_are_no_sphere_are_refused_with_their_place() {
         matches!(error, SpringsError::Surface(SphereError::Turned { .. })),
         "{error}"
     );
-    // M20: with a vertex that no triangle has V - F/2 is 3, as in table 7.7; it is refused by its number.
+    // M20: with a vertex without triangles V - F/2 is 3, as in table 7.7; the error contains its
+    // index.
     let mut unused = mesh.clone();
     unused.vertices.push(Point3::origin());
     let error = refused(&unused, &areas);
@@ -337,7 +339,7 @@ fn options_that_make_no_grid_are_refused() {
         .len(),
         7
     );
-    // Springs as long as the muscle are pressed and buckle.
+    // Springs as long as the muscle are compressed and buckle.
     let error = with(Options {
         side: 1.0,
         ..Options::default()

@@ -18,7 +18,7 @@ fn corner_curves_are_met_and_stay_in_the_cube() {
                     && (template.at(r, s, 1.0) - d).norm() <= T1,
                 "{name}"
             );
-            // De Casteljau halves it.
+            // De Casteljau gives the midpoint.
             let middle = |p, q| nalgebra::center(&p, &q);
             let half = middle(
                 middle(middle(a, b), middle(b, c)),
@@ -96,7 +96,7 @@ fn grids_are_nearly_square() {
     ] {
         assert_eq!(sides(count), [wanted[0], wanted[1], 15], "{count}");
     }
-    // A prime has no grid: 7 come from 2 by 4, 101 from 13 by 8.
+    // A prime has no grid: 7 uses 2 by 4, 101 uses 13 by 8.
     assert_eq!((sides(7), sides(101)), ([4, 2, 15], [13, 8, 15]));
     for count in 1..=130 {
         let grid = Sampling::new(count, 5).expect("a grid");

@@ -1,8 +1,9 @@
-//! The source's tables 7.4 to 7.6: steps until a lattice rests.
+//! The source's tables 7.4 to 7.6: number of steps until a lattice is at rest.
 //!
-//! It states neither time step nor disturbance nor stop rule; those that fit best (erratum M16 of its digest) are a
-//! pinned surface shrunk by 2 % about the centre, dt = 0.01, and the last step with a move of at least 6.3e-7. The rows of
-//! 10^3 and 20^3 points and those of 26 neighbours come from another disturbance, which is not known.
+//! The source gives no time step, disturbance or stop rule. The best fit (erratum M16 of its
+//! digest) is a fixed surface shrunk by 2 % about the centre, dt = 0.01, and the last step with a
+//! move of at least 6.3e-7. The rows of 10^3 and 20^3 points and those of 26 neighbours come from
+//! another, unknown disturbance.
 
 use super::{BOTH, Lattice, Neighbours, Number, Rest, Settings, Shape};
 
@@ -54,7 +55,7 @@ const ESTIMATES: [(usize, [f64; 7]); 3] = [
     (20, [11.89, 8.41, 5.95, 4.21, 2.97, 2.1, 1.49]),
 ];
 
-/// The surface pulled in by 2 % about the centre and pinned.
+/// Shrinks the surface by 2 % about the centre and fixes it.
 fn shrink<F: Number>(lattice: &mut Lattice<F>) {
     let shape = *lattice.shape();
     for point in shape.each().filter(|&point| shape.on_surface(point)) {
@@ -72,7 +73,7 @@ fn steps(mass: f64, damping: f64) -> u64 {
     };
     let mut lattice = Lattice::<f64>::new(Shape::unit_cube(5), settings).expect("a stable lattice");
     shrink(&mut lattice);
-    // More than half a swing of the slowest mode, 581 steps with the greatest mass.
+    // More than half a period of the slowest mode, 581 steps with the greatest mass.
     let settled = lattice
         .until_rest(&Rest {
             threshold: 6.3e-7,
@@ -108,7 +109,7 @@ fn the_table_of_dampings_and_masses() {
         rms <= 0.05 && largest <= 0.22,
         "{rms} RMS, {largest} at most"
     );
-    // Another entry's number is not taken for this one's.
+    // Control: the number of another entry does not fit.
     let mut wrong = pairs.clone();
     wrong.rotate_left(1);
     let wrong: Vec<_> = pairs.iter().zip(&wrong).map(|(a, b)| (a.0, b.1)).collect();

@@ -1,4 +1,4 @@
-//! Two surfaces brought together: ends, point data, pairs, how maps are turned, refusals.
+//! Correspondence of two surfaces: ends, point data, pairs, alignment of the maps, rejections.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
@@ -24,7 +24,7 @@ fn between(
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// A body without symmetry, long enough to have axes.
+/// A body without symmetry, long enough for distinct axes.
 fn lopsided(subdivisions: u32) -> TriangleMesh {
     let mut mesh = shapes::icosphere(1.0, subdivisions);
     for v in &mut mesh.vertices {
@@ -57,7 +57,8 @@ fn both_ends_are_met_and_numbers_are_carried() {
             "{volume}"
         );
     }
-    // A field that is linear in space is linear on each triangle: what is carried is the place itself.
+    // A field that is linear in space is linear on each triangle: the carried value equals the
+    // position.
     for side in 0..2 {
         let mesh = [&first, &second][side];
         let values: Vec<f64> = mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
@@ -68,7 +69,7 @@ fn both_ends_are_met_and_numbers_are_carried() {
             .map(|(p, c)| (p - Point3::new(c[0], c[1], c[2])).norm());
         assert!(worst(off) <= T18 * mesh.length());
     }
-    // What is no number stays where it was, and where it has a say.
+    // A NaN stays at its vertex and where its weight is positive.
     let mut values = vec![1.0; counts[0]];
     values[3] = f64::NAN;
     let carried = both.carried(0, &values, 1);
@@ -132,7 +133,8 @@ fn a_turned_copy_is_found_and_one_as_it_is_placed() {
                 .map(|(p, q)| (p - q).norm()),
         ) / second.length();
         println!("{:?}: {off:e} of the size from the same vertex", both.start);
-        // The map of a turned copy is another one, as steps have axes of space in them; of the same surface it is the same.
+        // The map of a rotated copy differs, since some steps use coordinate axes; the map of the
+        // same surface is the same.
         if second == &first {
             assert!(
                 both.start == Start::Placed && off <= T9,
@@ -171,7 +173,7 @@ fn pairs_meet_exactly() {
                     ..Settings::default()
                 },
             );
-            // Two vertices in one place are no general position: laid over each other, maps are turned a little.
+            // Two coincident vertices are no general position: the overlay rotates a map slightly.
             let within = if shared == Shared::First {
                 T18
             } else {
@@ -270,7 +272,8 @@ fn tangents_of_a_turn_follow_its_arc() {
         worst(x.iter().zip(turned(0.5)).map(|(p, q)| (p - q).norm())) / first.length()
     };
     let straight = Path::Linear.at(ends, 0.5).expect("shapes");
-    // A cubic follows an arc of one radian to (1/24 - 1/32 - ...) of it, a straight line by 1 - cos(1/2).
+    // A cubic follows an arc of one radian to (1/24 - 1/32 - ...) of it; a straight line deviates
+    // by 1 - cos(1/2).
     assert!(
         off(&middle) < 2e-3 && off(&straight) > 0.05,
         "{} {}",
@@ -293,8 +296,9 @@ fn curved(segments: u32, rings: u32, length: f64, radius: f64, angle: f64) -> Tr
     mesh
 }
 
-/// Volume and area halfway, over those of a body whose size is the mean of the sizes of both: what is matched with the other
-/// side of the body pinches it, and every fold of the match takes from its surface.
+/// Volume and area at the midpoint, relative to those of a body of the mean size of both. A match
+/// with the opposite side of the body reduces the volume, and every fold of the match reduces the
+/// area.
 fn halfway(
     first: &TriangleMesh,
     second: &TriangleMesh,
@@ -348,7 +352,7 @@ fn long_bodies_keep_their_volume_halfway_without_pairs() {
             (volume - 1.0).abs() < 0.03 && area > 0.96,
             "{name}: {volume} {area}"
         );
-        // Control: a turn of the whole cannot do it.
+        // Control: a rotation of the whole map is not sufficient.
         assert!(less < 0.96 && folded < area, "{name}: {less} {folded}");
     }
 }
@@ -368,7 +372,7 @@ fn real_long_bodies_keep_their_volume_halfway_without_pairs() {
         ("bones/Femur.r", "bones/Tibia.r", 0.03),
         ("bones/Tibia.r", "bones/Femur.r", 0.03),
         ("bones/Radius.r", "bones/Ulna.r", 0.03),
-        // One has its belly where the other has its tendon.
+        // One has its belly at the position of the other's tendon.
         (
             "muscles/Short_head_of_biceps_brachii.r",
             "muscles/Gracilis_muscle.r",

@@ -1,4 +1,5 @@
-//! Maps to the sphere: no triangle turned in on anything that is a sphere, typed errors for what is none, the errata.
+//! Maps to the sphere: no reversed triangle for any topological sphere, typed errors for other
+//! surfaces, the errata.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +15,7 @@ use pliant::testing::Draw;
 use super::{bent, stretched, tube};
 use crate::tolerances::{T1, T9, T18, cases};
 
-/// What every map must be.
+/// Properties of every map.
 fn assert_covers_once(name: &str, map: &SphereMap) {
     assert_eq!(flipped(map.points(), map.triangles()), [0u32; 0], "{name}");
     let faces = map.triangles().len() as f64;
@@ -38,7 +39,7 @@ fn mapped(name: &str, mesh: &TriangleMesh) -> SphereMap {
     map
 }
 
-/// Area on the sphere over that on the surface, both as shares of the whole, of the triangle in the middle.
+/// Median over the triangles of the ratio of their relative areas on the sphere and on the surface.
 fn median_share(map: &SphereMap, mesh: &TriangleMesh) -> f64 {
     let on_sphere = measures::triangle_areas(map.points(), map.triangles());
     let on_surface = measures::triangle_areas(&mesh.vertices, &mesh.triangles);
@@ -67,7 +68,7 @@ fn shapes_made_by_code_are_mapped() {
     ] {
         mapped(name, &shapes::make(name).expect("a shape").mesh);
     }
-    // The one on which relaxation fails: length over radius 70, evenly triangulated.
+    // The case in which relaxation fails: length over radius 70, evenly triangulated.
     let long = tube(16, 200, 70.0);
     assert_eq!(
         (long.vertices.len(), long.triangles.len()),
@@ -83,8 +84,9 @@ fn shapes_made_by_code_are_mapped() {
     mapped("a ball stretched by 100", &stretched(3, 100.0));
 }
 
-/// A regular mesh has no shortest edge: where the order of vertices decides, a tube is eaten up from one end, and what is put
-/// back there later finds no room. 24 times 120 vertices on 20 radii was the first that was refused.
+/// A regular mesh has no shortest edge. If the order of vertices decides, a tube is removed from
+/// one end, and its vertices find no room when they return. 24 times 120 vertices on 20 radii was
+/// the first failure.
 #[test]
 fn regular_tubes_of_any_length_have_room() {
     for length in [5.0, 20.0, 70.0] {
@@ -111,8 +113,8 @@ fn regular_tubes_of_any_length_have_room() {
     }
 }
 
-/// Tubes, bent, turned and numbered at random: vertices around, rings, length and bend are drawn, a third of them with places
-/// that are thrown about along the surface.
+/// Random tubes, bent, rotated and renumbered: vertices around, rings, length and bend are random,
+/// and a third of them have positions perturbed along the surface.
 #[test]
 fn tubes_that_are_drawn_have_room() {
     for seed in 0..cases(30) as u64 {
@@ -184,7 +186,7 @@ fn every_closed_surface_of_the_data_is_mapped() {
     }
     let (mut done, mut refused) = (0, 0);
     for path in all {
-        // One mesh in many encodings is one mesh.
+        // One mesh in several encodings counts once.
         let name = path
             .strip_prefix(&data)
             .unwrap_or(&path)
@@ -220,18 +222,18 @@ fn every_closed_surface_of_the_data_is_mapped() {
 fn a_triangle_that_is_turned_in_is_found() {
     let ball = shapes::icosphere(1.0, 2);
     assert!(SphereMap::new(ball.vertices.clone(), ball.triangles.clone()).is_ok());
-    // One vertex beyond an edge of its ring: at least one triangle is turned over.
+    // One vertex beyond an edge of its ring: at least one triangle is reversed.
     let mut folded = ball.clone();
     folded.vertices[20] = Point3::from(-folded.vertices[20].coords);
     assert!(!flipped(&folded.vertices, &folded.triangles).is_empty());
     let error = SphereMap::new(folded.vertices, folded.triangles).expect_err("a fold");
     assert!(matches!(error, SphereError::NotPositive { .. }), "{error}");
-    // Two neighbours in one place: no area is not positive either.
+    // Two coincident neighbours: zero area is not positive either.
     let mut flat = ball.clone();
     let [a, b, _] = flat.triangles[0];
     flat.vertices[a as usize] = flat.vertices[b as usize];
     assert!(flipped(&flat.vertices, &flat.triangles).contains(&0));
-    // By less than rounding of a determinant of doubles shows.
+    // Smaller than the rounding of a determinant of doubles.
     let [a, b] = [Vector3::new(1.0, 0.0, 0.0), Vector3::new(0.6, 0.8, 0.0)].map(Point3::from);
     let thin = |z: f64| [a, b, Point3::new(0.8, 0.6, z)];
     assert!(
@@ -249,7 +251,7 @@ fn a_triangle_that_is_turned_in_is_found() {
 
 #[test]
 fn a_map_that_goes_round_twice_is_found() {
-    // Rings of eight points that go round twice: every triangle is turned outward all the same.
+    // Rings of eight points that go around twice: every triangle is still oriented outward.
     let mut points = vec![Point3::new(0.0, 0.0, -1.0), Point3::new(0.0, 0.0, 1.0)];
     for z in [-0.6f64, 0.6] {
         for j in 0..8 {
@@ -375,7 +377,7 @@ fn torus(m: u32, n: u32) -> TriangleMesh {
 
 #[test]
 fn relaxation_does_as_the_digest_says() {
-    // 642 vertices, stretched 3:1 and 10:1 and bent, threshold 1e-3: no triangle turned in.
+    // 642 vertices, stretched 3:1 and 10:1 and bent, threshold 1e-3: no reversed triangle.
     for (name, mesh) in [
         ("3:1", stretched(3, 3.0)),
         ("10:1", stretched(3, 10.0)),
@@ -391,7 +393,8 @@ fn relaxation_does_as_the_digest_says() {
             "{name}: {effort:?}"
         );
     }
-    // An even tube crowds into two spots: the middle half of its rings takes nearly all of the sphere (M21).
+    // An even tube collapses into two clusters: the middle half of its rings takes nearly all of
+    // the sphere (M21).
     let ten = tube(16, 30, 10.0);
     assert_eq!(ten.vertices.len(), 482);
     let fine = Relaxation {
@@ -432,7 +435,8 @@ fn relaxation_of_a_long_tube_says_that_it_failed() {
     assert!(error.to_string().contains("use the robust map"), "{error}");
 }
 
-/// M5: with the centre outside the map never gets right, and the printed test of collapse does not see it.
+/// M5: with the centre outside, the map never becomes valid, and the printed test of collapse does
+/// not detect it.
 #[test]
 fn m05_collapse_is_found_by_a_limit_that_can_be_exceeded() {
     let body = bent(3, 10.0, 2.0);
@@ -464,7 +468,7 @@ fn m05_collapse_is_found_by_a_limit_that_can_be_exceeded() {
     );
 }
 
-/// M6, M7: which crossings of a ray count.
+/// M6, M7: the crossings of a ray that count.
 #[test]
 fn m06_m07_inside_is_told_for_faces_of_any_side_and_only_ahead() {
     let mut cube = shapes::box_surface([1.0; 3], 1.0);
@@ -484,7 +488,7 @@ fn m06_m07_inside_is_told_for_faces_of_any_side_and_only_ahead() {
     assert_ne!(one(-4.0), 0);
 }
 
-/// M8: just behind the nearest vertex may still be outside.
+/// M8: a point just behind the nearest vertex can still be outside.
 #[test]
 fn m08_the_centre_is_half_the_thickness_behind_the_nearest_place() {
     let mut block = shapes::box_surface([1.0, 2.0, 2.0], 0.5);

@@ -1,4 +1,4 @@
-//! Chains at rest: hanging by one end, and the catenary.
+//! Chains at rest: suspended at one end, and the catenary.
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{Distance, Order};
@@ -14,10 +14,10 @@ use crate::tolerances::{T4, T9, T14, T16, T17, worst};
 const LENGTH: f64 = 2.0;
 const SPAN: f64 = 1.0;
 
-/// Half of the last digit that the values of the literature's digest give.
+/// Half of the last digit of the values in the literature's digest.
 const DIGIT: f64 = 5e-10;
 
-/// The root of a rising function between `low` and `high`.
+/// The root of an increasing function between `low` and `high`.
 fn root(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     for _ in 0..200 {
         let middle = 0.5 * (low + high);
@@ -30,14 +30,15 @@ fn root(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// a of y = a cosh(x/a), and the sag, of an inextensible catenary.
+/// The parameter a of y = a cosh(x/a), and the sag, of an inextensible catenary.
 fn catenary() -> (f64, f64) {
     let a = root(0.05, 10.0, |a| LENGTH - 2.0 * a * (SPAN / (2.0 * a)).sinh());
     (a, a * ((SPAN / (2.0 * a)).cosh() - 1.0))
 }
 
-/// Positions of a chain of `n` rigid links at rest, half the mass of a link at each of its ends, in closed form but for
-/// the horizontal tension H: link i has the slope (i + 1/2 - n/2)/(n H), weight 1 in all.
+/// Rest positions of a chain of `n` rigid links, with half of the mass of a link at each of its
+/// ends, in closed form except for the horizontal tension H: link i has the slope (i + 1/2 -
+/// n/2)/(n H), total weight 1.
 fn links_at_rest(n: usize) -> Vec<Point3<f64>> {
     let length = LENGTH / n as f64;
     let slope = |i: usize, tension: f64| (i as f64 + 0.5 - n as f64 / 2.0) / (n as f64 * tension);
@@ -59,7 +60,7 @@ fn sag(x: &[Point3<f64>]) -> f64 {
     worst(x.iter().map(|p| -p.z))
 }
 
-/// Links of the length `rest` between points in turn, each of the stiffness `k`.
+/// Links of length `rest` between successive points, each of stiffness `k`.
 fn links(n: usize, rest: f64, k: f64) -> (Vec<Distance>, Vec<f64>) {
     (
         (0..n as u32)
@@ -72,7 +73,7 @@ fn links(n: usize, rest: f64, k: f64) -> (Vec<Distance>, Vec<f64>) {
     )
 }
 
-/// The ends of a triangle of two sides as long as the chain, `n` links along them.
+/// The points of a triangle with two sides as long as the chain, `n` links along them.
 fn triangle(n: usize) -> Vec<Point3<f64>> {
     let deep = (LENGTH * LENGTH - SPAN * SPAN).sqrt() / 2.0;
     let along = |i: usize| i as f64 / n as f64;
@@ -87,8 +88,8 @@ fn triangle(n: usize) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// A chain of `n` links of no stretch and weight 1 at rest between its ends; the share `heavier` of all the weight is
-/// moved to the middle.
+/// A chain of `n` inextensible links of weight 1 at rest between its ends; the share `heavier` of
+/// the weight is moved to the middle.
 fn hung(n: usize, heavier: f64) -> Vec<Point3<f64>> {
     let mut x = triangle(n);
     for soft in [1.0, 10.0, 100.0, 1e4] {
@@ -122,7 +123,7 @@ fn a_hanging_chain_has_its_printed_length() {
         let mut x: Vec<Point3<f64>> = (0..=n)
             .map(|i| Point3::new(0.0, 0.0, -0.05 * i as f64))
             .collect();
-        // Something that holds it upright while it bears nothing.
+        // An anchor keeps it upright while it carries no load.
         body.anchor = 1e-3 * k;
         body.rest(&mut x);
         body.anchor = 0.0;
@@ -150,7 +151,7 @@ fn settled(n: usize, gravity: Vector3<f64>, dt: f64) -> Vec<Point3<f64>> {
         .collect();
     let mut system = System::new(Particles::at_rest(triangle(n), inverse), settings(200));
     system.settings.gravity = gravity;
-    // Near the critical damping of the slowest swing.
+    // Near the critical damping of the slowest mode.
     system.settings.velocity_factor = 1.0 - 5.0 * dt;
     let all = links(n, LENGTH / n as f64, 1.0).0;
     system
@@ -213,7 +214,7 @@ fn a_chain_by_steps_is_off_by_the_step_squared() {
                 .map(|(x, y)| (x - y).norm()),
         )
     };
-    // Two links have one free particle: nothing turns on the way, and it is where it should be.
+    // Two links have one free particle: nothing rotates, and its position is exact.
     assert!(off(2, down, 0.01) <= T17 * LENGTH);
     for n in [4, 6, 8] {
         let errors = [0.02, 0.01, 0.005].map(|dt| off(n, down, dt));

@@ -15,11 +15,12 @@ use crate::tolerances::{T14, T16, T17, worst};
 /// In-plane stiffness of the networks [N/m].
 const MEMBRANE: f64 = 1.0;
 
-/// Springs [N/m] that keep a body from drifting: a millionth of what they could change.
+/// Anchor stiffness [N/m] against drift: a millionth of the membrane's.
 const ANCHOR: f64 = 1e-6 * MEMBRANE;
 
-/// A network's pressure, resolution taken out, is less than this share from that of an even dilation: a sixth of what
-/// parts it from the neo-Hookean balloon at the smallest stretch.
+/// Greatest relative difference between a network's pressure, extrapolated in resolution, and that
+/// of a uniform dilation: a sixth of its difference to the neo-Hookean balloon at the smallest
+/// stretch.
 const MODEL: f64 = 0.01;
 
 /// Equilateral triangles with edges of 1 m, `n` along x and y.
@@ -51,7 +52,7 @@ fn lattice(n: u32) -> TriangleMesh {
     }
 }
 
-/// A network at rest with a mass of 1 kg at each vertex, swept by colours.
+/// A network at rest with a mass of 1 kg at each vertex, with coloured sweeps.
 fn network(mesh: &TriangleMesh, iterations: u32) -> System {
     let (all, k) = stiffness::edges(mesh, &Topology::new(mesh), MEMBRANE);
     let count = mesh.vertices.len();
@@ -65,7 +66,8 @@ fn network(mesh: &TriangleMesh, iterations: u32) -> System {
     system
 }
 
-/// Forces of the nominal tension (x, y) [N/m] on the rim: half of each edge's at each of its ends.
+/// Boundary forces of the nominal tension (x, y) [N/m]: half of each edge's force at each of its
+/// ends.
 fn pulls(mesh: &TriangleMesh, tension: [f64; 2]) -> Vec<(u32, Vector3<f64>)> {
     let topology = Topology::new(mesh);
     let mut forces = Vec::new();
@@ -74,7 +76,7 @@ fn pulls(mesh: &TriangleMesh, tension: [f64; 2]) -> Vec<(u32, Vector3<f64>)> {
         let t = mesh.triangles[topology.triangles_of_edge(e as usize)[0] as usize];
         let forward = (0..3).any(|k| t[k] == a && t[(k + 1) % 3] == b);
         let (a, b) = if forward { (a, b) } else { (b, a) };
-        // Outside is to the right of an edge that runs counter-clockwise.
+        // Outside is to the right of a counter-clockwise edge.
         let d = mesh.vertices[b as usize] - mesh.vertices[a as usize];
         let half = Vector3::new(tension[0] * d.y, -tension[1] * d.x, 0.0) / 2.0;
         forces.extend([(a, half), (b, half)]);
@@ -82,7 +84,8 @@ fn pulls(mesh: &TriangleMesh, tension: [f64; 2]) -> Vec<(u32, Vector3<f64>)> {
     forces
 }
 
-/// Stretches along x and y of a lattice at `x`, and how far vertices are from an even stretch.
+/// Stretches along x and y of a lattice at `x`, and the deviation of the vertices from a uniform
+/// stretch.
 fn stretches(mesh: &TriangleMesh, x: &[Point3<f64>]) -> ([f64; 2], f64) {
     let centre =
         |x: &[Point3<f64>]| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / x.len() as f64;
@@ -92,7 +95,7 @@ fn stretches(mesh: &TriangleMesh, x: &[Point3<f64>]) -> ([f64; 2], f64) {
             .zip(&mesh.vertices)
             .map(|(x, y)| ((x.coords - c).xy(), (y.coords - c0).xy()))
     };
-    // The best linear map; how it turns is left to chance.
+    // The best linear map; its rotation is arbitrary.
     let spread: Matrix2<f64> = pairs().map(|(_, y)| y * y.transpose()).sum();
     let map = pairs()
         .map(|(x, y)| x * y.transpose())
@@ -117,7 +120,7 @@ fn pulled(n: u32, tension: [f64; 2], by: f64) -> ([f64; 2], f64) {
         .into_iter()
         .for_each(|(p, f)| body.forces[p as usize] += f);
     body.anchor = ANCHOR;
-    // Stretched at first: without tension nothing keeps a lattice plane.
+    // Stretched at the start: without tension a lattice is not stable in its plane.
     let mut x: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| p * 1.05).collect();
     body.rest(&mut x);
     stretches(&mesh, &x)
@@ -136,9 +139,11 @@ fn stepped(n: u32, tension: [f64; 2], dt: f64) -> ([f64; 2], f64) {
 #[test]
 fn a_lattice_is_the_membrane_of_poisson_one_third() {
     for n in [2, 4, 6] {
-        // Under a push that keeps its direction a free lattice turns over, so there is none.
+        // Under compression in a constant direction a free lattice turns over, so there is no such
+        // case.
         for stretch in [1.0001, 1.1, 1.5_f64] {
-            // One family of springs along x: P = E (l - 1), the others keep their length, so l^2 + 3 w^2 = 4.
+            // One family of springs along x: P = E (l - 1); the others keep their length, so l^2 +
+            // 3 w^2 = 4.
             let expected = [stretch, ((4.0 - stretch * stretch) / 3.0).sqrt()];
             let tension = [MEMBRANE * (stretch - 1.0), 0.0];
             let (found, off) = pulled(n, tension, 1.0);
@@ -178,7 +183,7 @@ fn a_lattice_is_the_membrane_of_poisson_one_third() {
 
 #[test]
 fn a_lattice_departs_from_the_linear_membrane_with_order_two() {
-    // The width of a lattice under tension: sqrt((4 - l^2)/3) against 1 - (l - 1)/3.
+    // The width of a lattice under tension: sqrt((4 - l^2)/3) compared with 1 - (l - 1)/3.
     let errors = [0.2, 0.1, 0.05, 0.025].map(|strain| {
         let found = pulled(2, [MEMBRANE * strain, 0.0], 1.0).0[1];
         (found - (1.0 - strain / 3.0)).abs()
@@ -197,7 +202,7 @@ fn a_lattice_departs_from_the_linear_membrane_with_order_two() {
     );
 }
 
-/// p R/E of a network sphere of radius 1 m blown up to `stretch`^3 times its volume.
+/// p R/E of a network sphere of radius 1 m inflated to `stretch`^3 times its volume.
 fn balloon(subdivisions: u32, stretch: f64) -> f64 {
     let mesh = icosphere(1.0, subdivisions);
     let edges = stiffness::edges(&mesh, &Topology::new(&mesh), MEMBRANE);
@@ -268,7 +273,7 @@ fn stretched_rubber_has_its_printed_numbers() {
 
 #[test]
 fn a_network_balloon_has_its_own_peak() {
-    // 3 E A0 (l - 1)^2/2 is the energy of any network under an even dilation, l^3 V0 its volume.
+    // 3 E A0 (l - 1)^2/2 is the energy of any network under a uniform dilation, l^3 V0 its volume.
     let network = |l: f64| 3.0 * (l - 1.0) / (l * l);
     for l in [1.1, 1.2, 7f64.powf(1.0 / 6.0), 2.0] {
         let p = [1, 2, 3].map(|n| balloon(n, l));
@@ -282,7 +287,8 @@ fn a_network_balloon_has_its_own_peak() {
             rubber(l) / 3.0
         );
         assert!((order - 2.0).abs() <= T16, "{l}: {p:?}");
-        // Triangles of a sphere are not all equilateral, so an even dilation is not quite at rest.
+        // Triangles of a sphere are not all equilateral, so a uniform dilation is not exactly an
+        // equilibrium.
         assert!((limit / network(l) - 1.0).abs() <= MODEL, "{l}: {limit}");
         assert!(
             !((limit / (rubber(l) / 3.0) - 1.0).abs() <= MODEL),

@@ -1,4 +1,5 @@
-//! Motion against exact solutions: modes of a chain, critical damping, the pendulum, a block (P18, P37, P39).
+//! Motion compared with exact solutions: modes of a chain, critical damping, the pendulum, a block
+//! (P18, P37, P39).
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::shapes::box_surface;
@@ -13,7 +14,7 @@ const LINKS: usize = 4;
 const STIFFNESS: f64 = 50.0;
 const MASS: f64 = 0.5;
 
-/// Circular frequency of mode `k` (from 1) of a chain that is held at one end.
+/// Angular frequency of mode `k` (from 1) of a chain that is fixed at one end.
 fn frequency(k: usize) -> f64 {
     2.0 * (STIFFNESS / MASS).sqrt() * (angle(k) / 2.0).sin()
 }
@@ -73,7 +74,8 @@ fn p39_modes_of_a_chain_follow_implicit_euler() {
         let expected = shape(&amplitude.map(|a| a * factor(frequency(k), steps as i32)));
         let off = apart(&found, &expected);
         println!("modes: {k} of {LINKS}, {off:.1e} m from implicit Euler after {steps} steps");
-        // Relative to the 4 m that positions are stored with, each step divides their rounding by the step.
+        // Relative to the 4 m of the stored positions; each step divides their rounding by the
+        // step.
         assert!(off <= 4.0 * T10, "mode {k}: {off:e}");
         let other = shape(&amplitude.map(|a| a * factor(1.001 * frequency(k), steps as i32)));
         assert!(
@@ -123,7 +125,7 @@ fn damped(omega: f64, factor: f64, dt: f64, steps: usize) -> Vec<f64> {
 fn a_critically_damped_step_has_its_closed_form() {
     let (omega, dt) = (7.0_f64, 0.02);
     let w = (omega * dt).powi(2);
-    // Both roots of the recurrence are one where (1 - d)^2 = 4 d w; then x_n = (c + b n) r^n.
+    // Both roots of the recurrence coincide where (1 - d)^2 = 4 d w; then x_n = (c + b n) r^n.
     let factor = 1.0 + 2.0 * w - 2.0 * (w * w + w).sqrt();
     let r = (1.0 + factor) / (2.0 * (1.0 + w));
     let b = 0.1 / (1.0 + w) / r - 0.1;
@@ -210,7 +212,7 @@ fn p37_the_pendulum_converges_with_order_one() {
         errors = powers(&errors)
     );
     assert!(off_order(&errors, 1.0) <= T4);
-    // Control: a pendulum of small swings.
+    // Control: a pendulum of small oscillations.
     let small = widest * (g.sqrt() * time).cos();
     assert!(!(off_order(&[400, 800, 1600].map(|n| error(n, small)), 1.0) <= T4));
 }

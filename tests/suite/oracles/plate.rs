@@ -1,4 +1,4 @@
-//! A lattice of hinges against a plate: which flexural rigidity and Poisson's ratio it has.
+//! Flexural rigidity and Poisson's ratio of a lattice of hinges, as a plate.
 
 use nalgebra::Point3;
 use pliant::constraints::Constraint;
@@ -8,11 +8,11 @@ use pliant::solvers::stiffness;
 use super::{off_order, orders, powers};
 use crate::tolerances::{T4, worst};
 
-/// Stiffness B [N m] that is asked for.
+/// Given stiffness B [N m].
 const BENDING: f64 = 1.0;
 
-/// An equilateral triangle with edges of 1 m and its three neighbours, over the surface z = (k1 x^2 + k2 y^2)/2 turned
-/// by `turn` [rad].
+/// An equilateral triangle with edges of 1 m and its three neighbours, on the surface z = (k1 x^2 +
+/// k2 y^2)/2 rotated by `turn` [rad].
 fn patch(curvature: [f64; 2], turn: f64) -> TriangleMesh {
     let (inner, outer) = (1.0 / 3f64.sqrt(), 2.0 / 3f64.sqrt());
     let corner = |i: u32, r: f64, from: f64| {
@@ -32,8 +32,8 @@ fn patch(curvature: [f64; 2], turn: f64) -> TriangleMesh {
     }
 }
 
-/// Energy of a unit of area [J/m^2] of a lattice that was flat: its hinges have three directions, one of each for two
-/// triangles.
+/// Energy per area [J/m^2] of an initially flat lattice: its hinges have three directions, with one
+/// hinge of each per two triangles.
 fn energy(curvature: [f64; 2], turn: f64) -> f64 {
     let flat = patch([0.0; 2], turn);
     let (hinges, k) = stiffness::hinges(&flat, &Topology::new(&flat), BENDING);
@@ -50,7 +50,8 @@ fn energy(curvature: [f64; 2], turn: f64) -> f64 {
         / (2.0 * flat.area() / 4.0)
 }
 
-/// D/2 ((k1 + k2)^2 - 2 (1 - nu) k1 k2), of a plate of flexural rigidity `d` and Poisson's ratio `nu`.
+/// D/2 ((k1 + k2)^2 - 2 (1 - nu) k1 k2), for a plate of flexural rigidity `d` and Poisson's ratio
+/// `nu`.
 fn plate([a, b]: [f64; 2], d: f64, nu: f64) -> f64 {
     0.5 * d * ((a + b).powi(2) - 2.0 * (1.0 - nu) * a * b)
 }

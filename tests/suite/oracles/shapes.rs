@@ -60,7 +60,7 @@ fn spheres_converge_with_order_two() {
         areas = powers(&areas)
     );
     assert!(off_order(&volumes, 2.0) <= T4 && off_order(&areas, 2.0) <= T4);
-    // Control: against a sphere that is a thousandth too small nothing converges.
+    // Control: there is no convergence to a sphere that is a thousandth too small.
     let wrong: Vec<f64> = volumes.iter().map(|e| (e - 1e-3).abs()).collect();
     assert!(!(off_order(&wrong, 2.0) <= T4));
 }
@@ -85,7 +85,7 @@ fn cap(radius: f64, height: f64, n: u32) -> TriangleMesh {
 fn caps_converge_with_order_two() {
     for (radius, height) in [(1.0_f64, 0.5_f64), (1.0, 1.4), (0.07, 0.02)] {
         let base = (height * (2.0 * radius - height)).sqrt();
-        // V = pi h (3 a^2 + h^2)/6 and A = pi (a^2 + h^2), a the radius of the base.
+        // V = pi h (3 a^2 + h^2)/6 and A = pi (a^2 + h^2), where a is the radius of the base.
         let volume = PI * height * (3.0 * base * base + height * height) / 6.0;
         let area = PI * (base * base + height * height);
         let meshes = [8, 16, 32, 64].map(|n| (cap(radius, height, n), polygon(base, 4 * n)));
@@ -104,7 +104,7 @@ fn caps_converge_with_order_two() {
             areas = powers(&areas)
         );
         assert!(off_order(&volumes, 2.0) <= T4 && off_order(&areas, 2.0) <= T4);
-        // Control: the radius of the sphere in place of that of the base.
+        // Control: the radius of the sphere instead of that of the base.
         let wrong = PI * height * (3.0 * radius * radius + height * height) / 6.0;
         let wrong = meshes
             .each_ref()
@@ -130,7 +130,7 @@ fn sum_of_frusta(profile: &[(f64, f64)], volume: impl Fn(f64, f64, f64) -> f64) 
         .sum()
 }
 
-/// The profile with a flat lid at both ends.
+/// The profile with flat ends.
 fn lidded(profile: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let (first, last) = (profile[0].0, profile[profile.len() - 1].0);
     [&[(first, 0.0)], profile, &[(last, 0.0)]].concat()

@@ -1,4 +1,4 @@
-//! A cantilever of hinges against the elastica.
+//! A cantilever of hinges compared with the elastica.
 
 use nalgebra::Point3;
 use pliant::mesh::{Topology, TriangleMesh};
@@ -8,18 +8,18 @@ use super::rest::Body;
 use super::{off_order, orders, powers};
 use crate::tolerances::{T14, T15, T16};
 
-/// Stiffness B [N m] that is asked for.
+/// Given stiffness B [N m].
 const BENDING: f64 = 1.0;
-/// What a fold about one direction feels, times B: the sum over the hinges of B 3|e|^2/A theta^2/2 is 3 B k^2/2 for
-/// each area bent to the curvature k, whatever the triangles.
+/// Factor of B for a fold about one direction: the sum over the hinges of B 3|e|^2/A theta^2/2 is 3
+/// B k^2/2 per area bent to the curvature k, for any triangles.
 const FACTOR: f64 = 3.0;
-/// Stiffness in the plane [N/m], before edges are made to keep their lengths.
+/// In-plane stiffness [N/m], before the edges are made inextensible.
 const MEMBRANE: f64 = 1e4;
 
-/// Strain that may be left.
+/// Greatest residual strain.
 const STRAIN: f64 = 1e-7;
 
-/// P L^2/EI, and the tip's way down and back over L, of the literature's digest.
+/// P L^2/EI, and the displacement of the tip down and back over L, of the literature's digest.
 const ELASTICA: [(f64, f64, f64); 6] = [
     (0.1, 0.033_295, 0.000_665),
     (0.5, 0.162_144, 0.015_919),
@@ -34,8 +34,9 @@ fn segment(n: usize) -> f64 {
     1.0 / (n as f64 + 0.5)
 }
 
-/// Columns of two points at -a/2, a/2, ..., 1 m, as far apart as they are wide, all diagonals from one side. The first two
-/// columns are held, so that the tangent is held at 0 and hinges stand in the middle of the lengths they bend.
+/// Columns of two points at -a/2, a/2, ..., 1 m, with the spacing of their width and all diagonals
+/// from one side. The first two columns are fixed, so that the tangent is fixed at 0 and hinges are
+/// in the middle of their lengths.
 fn strip(n: usize, side: u32) -> TriangleMesh {
     let a = segment(n);
     let at = |i: usize, j: usize| Point3::new((i as f64 - 0.5) * a, a * (j as f64 - 0.5), 0.0);
@@ -56,8 +57,9 @@ fn strip(n: usize, side: u32) -> TriangleMesh {
     }
 }
 
-/// Two strips of half the stiffness on the same points, diagonals from either side: mirrored, they do not twist, and
-/// columns of two points do not bend across, which a wider strip of hinges does. A force pulls down the last column.
+/// Two strips of half the stiffness on the same points, with diagonals from opposite sides: by
+/// symmetry they do not twist, and columns of two points do not bend transversely, unlike a wider
+/// strip of hinges. A force pulls the last column down.
 fn body(n: usize, force: f64) -> Body {
     let count = 2 * (n + 2);
     let mut body = Body::new((Vec::new(), Vec::new()), count, force);
@@ -78,11 +80,12 @@ fn body(n: usize, force: f64) -> Body {
     body
 }
 
-/// The tip's way down and back of a strip of `n` segments at rest under `load` in P L^2/EI, EI = `factor` B times width.
+/// Displacement of the tip down and back for a strip of `n` segments at rest under `load` in P
+/// L^2/EI, EI = `factor` B times width.
 fn tip(n: usize, loads: f64, factor: f64) -> (f64, f64) {
     let mut x = strip(n, 0).vertices;
     let force = loads * factor * BENDING * segment(n);
-    // Loads grow by steps, so that it bends as the elastica does and does not fold.
+    // Loads grow in steps, so that the strip bends like the elastica and does not fold.
     let steps = (2.0 * loads).ceil() as u32;
     (1..=steps).for_each(|s| body(n, force * f64::from(s) / f64::from(steps)).rest(&mut x));
     let strain = body(n, force).rest_without_stretch(&mut x);
@@ -91,9 +94,10 @@ fn tip(n: usize, loads: f64, factor: f64) -> (f64, f64) {
     (-end.z, 1.0 - end.x)
 }
 
-/// The elastica from its integrals, tip angle by bisection: sqrt(P L^2/EI) = int_0^a dt/sqrt(2 (sin a - sin t)).
-/// Substituted t = a (1 - u^2), which takes the root's singularity away; Gauss's rule would need a table, the midpoint
-/// rule converges as 1/n^2 and Richardson's step makes 1/n^4 of it.
+/// The elastica from its integrals, with the tip angle by bisection: sqrt(P L^2/EI) = int_0^a
+/// dt/sqrt(2 (sin a - sin t)). The substitution t = a (1 - u^2) removes the singularity of the
+/// root. Gauss's rule would need a table; the midpoint rule converges as 1/n^2, with one Richardson
+/// step as 1/n^4.
 fn elastica(loads: f64) -> (f64, f64) {
     let integral = |a: f64, f: &dyn Fn(f64) -> f64| {
         let rule = |n: usize| {
@@ -149,7 +153,7 @@ fn a_cantilever_of_hinges_converges_to_the_elastica() {
         );
         assert!(off_order(&errors, 2.0) <= T16, "{loads}: {errors:?}");
     }
-    // Control: B taken for the stiffness of the strip, of which it is a third.
+    // Control: B as the stiffness of the strip, which is three times greater.
     let (down, back) = elastica(1.0);
     let wrong = [8, 16, 32]
         .map(|n| tip(n, 1.0, 1.0))

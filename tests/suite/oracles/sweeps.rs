@@ -1,4 +1,4 @@
-//! How many sweeps an order of visiting needs (P41): a report, and the one claim that is real.
+//! Number of sweeps for each visiting order (P41): a report, and the one claim that holds.
 
 use nalgebra::Point3;
 use pliant::constraints::{Batch, Distance, Order, Project};
@@ -7,10 +7,10 @@ use pliant::testing::Draw;
 
 /// Links of the rope.
 const LINKS: u32 = 40;
-/// Shares of the first error at which sweeps are counted.
+/// Relative errors at which sweeps are counted.
 const SHARES: [f64; 3] = [1e-2, 1e-4, 1e-6];
 
-/// Orders in which links are visited; alternating ones take turns.
+/// Visiting orders of the links; alternating ones take turns.
 fn visits() -> Vec<(&'static str, Vec<Batch<Distance, 2>>)> {
     let links: Vec<Distance> = (0..LINKS)
         .map(|i| Distance {
@@ -43,7 +43,8 @@ fn visits() -> Vec<(&'static str, Vec<Batch<Distance, 2>>)> {
     ]
 }
 
-/// Sweeps until no link of a straight rope, whose held end is moved by 1 m, is off by more than each share of 1 m.
+/// Number of sweeps until no link of a straight rope, whose fixed end is moved by 1 m, deviates by
+/// more than each share of 1 m.
 fn sweeps(batches: &mut [Batch<Distance, 2>], mass: &dyn Fn(u32) -> f64) -> [usize; 3] {
     let mut position: Vec<Point3<f64>> = (0..=LINKS)
         .map(|i| Point3::new(f64::from(i), 0.0, 0.0))

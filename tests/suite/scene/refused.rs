@@ -1,10 +1,10 @@
-//! Every kind of mistake has its exact message.
+//! The exact message of every kind of error.
 
 use std::path::Path;
 
 use super::{SMALL, folder, read, spoilt, terse, with};
 
-/// Each mistake and its whole message.
+/// Each error with its whole message.
 macro_rules! refused {
     ($($name:ident: $text:expr => $message:expr;)*) => {
         $(#[test]

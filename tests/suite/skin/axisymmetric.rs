@@ -1,17 +1,20 @@
-//! A round membrane over a sphere, held at its rim, solved on its own: a profile of points, relaxed with damping.
+//! Independent solution for a round membrane over a sphere, fixed at its boundary: a profile of
+//! points, by damped relaxation.
 //!
-//! Its energy for each area at rest is 1.5 E t <(l - 1)^2>, l the stretch of a fibre, averaged over all directions: a
-//! network of springs without preferred direction, which at small strains is plane stress with Poisson's ratio 1/3.
+//! The energy per rest area is 1.5 E t <(l - 1)^2>, where l is the stretch of a fibre, averaged
+//! over all directions: an isotropic network of springs, which at small strains is plane stress
+//! with Poisson's ratio 1/3.
 
 use std::f64::consts::{PI, TAU};
 
-/// Directions of the average.
+/// Number of directions of the average.
 const DIRECTIONS: usize = 16;
 
-/// Points of the profile.
+/// Number of points of the profile.
 const POINTS: usize = 60;
 
-/// What is solved: radius of the membrane, and of the sphere, whose centre is `height` over the plane of the rim.
+/// The problem: radius of the membrane, and of the sphere, whose centre is `height` above the plane
+/// of the boundary.
 #[derive(Clone, Copy, Debug)]
 pub struct Membrane {
     pub rim: f64,
@@ -19,7 +22,7 @@ pub struct Membrane {
     pub height: f64,
 }
 
-/// Derivatives of the energy by both stretches, E t = 1.
+/// Derivatives of the energy with respect to both stretches, E t = 1.
 fn tensions(along: f64, around: f64) -> (f64, f64) {
     let mut sum = (0.0, 0.0);
     for k in 0..DIRECTIONS {
@@ -31,7 +34,8 @@ fn tensions(along: f64, around: f64) -> (f64, f64) {
     sum
 }
 
-/// Area of the membrane over the sphere [m^2] and the largest force left, as a share of the largest tension's.
+/// Area of the membrane over the sphere [m^2], and the greatest residual force relative to the
+/// greatest tension.
 pub fn area(of: Membrane) -> (f64, f64) {
     let step = of.rim / POINTS as f64;
     let top = of.sphere + of.height;

@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::TriangleMesh;
 
-/// A square sheet of `n` by `n` cells about the origin, all diagonals alike, looking along z.
+/// A square sheet of `n` by `n` cells about the origin with equal diagonals, facing along z.
 pub fn sheet(n: u32, side: f64) -> TriangleMesh {
     let at = |k: u32| side * (f64::from(k) / f64::from(n) - 0.5);
     let vertices = (0..=n)
@@ -23,7 +23,7 @@ pub fn sheet(n: u32, side: f64) -> TriangleMesh {
     }
 }
 
-/// A cube from the origin, `n` by `n` squares on each face, closed and looking out.
+/// A cube from the origin, `n` by `n` squares on each face, closed and oriented outward.
 pub fn cube(n: u32, side: f64) -> TriangleMesh {
     let mut number: HashMap<[u32; 3], u32> = HashMap::new();
     let mut mesh = TriangleMesh::default();
@@ -53,7 +53,7 @@ pub fn cube(n: u32, side: f64) -> TriangleMesh {
     mesh
 }
 
-/// A sphere of `rings` rings of `around` vertices and two poles, closed and looking out.
+/// A sphere of `rings` rings of `around` vertices and two poles, closed and oriented outward.
 pub fn sphere(around: u32, rings: u32, radius: f64, centre: Point3<f64>) -> TriangleMesh {
     let mut vertices = vec![centre + Vector3::z() * radius];
     for ring in 1..=rings {

@@ -1,4 +1,5 @@
-//! Masses, stiffness, patterns and layers against the numbers of the sources and their errata.
+//! Masses, stiffness, patterns and layers compared with the numbers of the sources and their
+//! errata.
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::topology::Topology;
@@ -19,7 +20,8 @@ fn triangle(points: [[f64; 2]; 3]) -> TriangleMesh {
     }
 }
 
-/// Energy of an even strain `e` (xx, yy, xy) of a triangle of springs over that of plane stress, E2 = 1.
+/// Energy of a uniform strain `e` (xx, yy, xy) of a triangle of springs, relative to plane stress,
+/// E2 = 1.
 fn share(mesh: &TriangleMesh, nu: f64, [xx, yy, xy]: [f64; 3]) -> f64 {
     let topology = Topology::new(mesh);
     let found = membrane(mesh, &topology, 1.0, nu, Negative::Keep);
@@ -137,7 +139,7 @@ fn b01_masses_add_up_and_signed_ones_that_are_negative_are_refused() {
         near(found[0], 3.0 * 0.25 / 3.0) && near(found[4], 3.0 * 0.25 * 2.0 / 3.0),
         "{found:?}"
     );
-    // The errata's bowl: the upper half turned down.
+    // The errata's bowl: the upper half reflected downwards.
     let mut bowl = sphere;
     bowl.vertices
         .iter_mut()
@@ -259,7 +261,7 @@ fn grids_and_meshes_have_their_patterns() {
         (pattern.structural.len(), pattern.bending.len()),
         (120, 120)
     );
-    // 12 vertices of 5 neighbours, 30 of 6; two opposite ones of 5 are not quite opposite.
+    // 12 vertices of 5 neighbours, 30 of 6; two opposite ones of 5 are not exactly opposite.
     assert_eq!(pattern.angular.len(), 12 * 2 + 30 * 3);
     let across = |[_, a, b]: &[u32; 3]| {
         sphere.vertices[*a as usize]
@@ -278,7 +280,7 @@ fn grids_and_meshes_have_their_patterns() {
     );
 }
 
-/// The unit square around the origin, n by n squares, diagonals all alike.
+/// The unit square around the origin, n by n squares with equal diagonals.
 fn sheet(n: u32) -> TriangleMesh {
     let at = |i: u32| f64::from(i) / f64::from(n) - 0.5;
     let vertices = (0..=n)
@@ -294,7 +296,7 @@ fn sheet(n: u32) -> TriangleMesh {
     }
 }
 
-/// The triangles with a vertex within 0.375 of the centre, with only their vertices.
+/// The triangles with a vertex within 0.375 of the centre, with their vertices only.
 fn region(sheet: &TriangleMesh) -> TriangleMesh {
     let near = |v: &u32| sheet.vertices[*v as usize].coords.norm_squared() <= 0.375 * 0.375;
     let kept: Vec<[u32; 3]> = sheet
@@ -382,7 +384,7 @@ fn m13_the_damping_estimate_is_that_of_the_table_and_of_any_size() {
             );
         }
     }
-    // A cube of side 0.2: 10.954, where (7.2) to the letter gives 4.195.
+    // A cube of side 0.2: 10.954, where (7.2) as printed gives 4.195.
     assert!(
         (of(5, 1.0, 0.2) - 10.954).abs() <= 5e-4,
         "{}",

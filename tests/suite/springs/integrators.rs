@@ -10,7 +10,7 @@ use pliant::springs::rest::{End, Rest, settle};
 use pliant::springs::stability::{Mode, Stiffest, limit, stiffest};
 use pliant::springs::{SpringSystem, damping};
 
-/// A mass m on a spring k from the origin with damping c, along x, pulled to x.
+/// A mass m on a spring k from the origin with damping c, along x, displaced to x.
 fn oscillator(k: f64, c: f64, m: f64, x: f64) -> SpringSystem {
     let points = vec![Point3::origin(), Point3::new(x, 0.0, 0.0)];
     let mut system = SpringSystem::new(points, vec![m; 2]).unwrap();
@@ -34,7 +34,8 @@ fn oscillator(k: f64, c: f64, m: f64, x: f64) -> SpringSystem {
     system
 }
 
-/// Five masses in a row between two pinned ones, stretched, plucked across: coupled and not linear.
+/// Five masses in a row between two fixed ones, stretched and displaced transversely: coupled and
+/// non-linear.
 fn chain(c: f64) -> SpringSystem {
     let x: Vec<_> = (0..7)
         .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
@@ -84,7 +85,7 @@ fn distance(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
         .sqrt()
 }
 
-/// log2 of the ratios of errors at so many steps, twice and four times as many.
+/// log2 of the ratios of errors for `steps`, twice and four times as many.
 fn orders(
     make: &dyn Fn() -> SpringSystem,
     exact: &[Point3<f64>],
@@ -125,14 +126,14 @@ fn p37_orders_without_damping() {
         .to_vec();
         found.extend(orders(&|| chain(0.0), &fine, &*by, time, steps));
         println!("{}: {found:.3?}", by.name());
-        // The table of P37 asks for 0.05.
+        // The table of P37 requires 0.05.
         assert!(
             found.iter().all(|o| (o - order).abs() <= 0.05),
             "{}: {found:?}",
             by.name()
         );
     }
-    // Control: what the thesis's first step loses is of first order, but only once.
+    // Control: the loss in the thesis's first step is of first order, but happens once.
     let first = orders(
         &|| oscillator(4.0, 0.0, 1.0, 0.4),
         &exact,
@@ -152,7 +153,7 @@ fn p37_orders_with_damping() {
         let steps = if by.order() == 4 { 100 } else { 400 };
         let found = orders(&|| chain(0.6), &fine, &*by, time, steps);
         println!("{}: {found:.3?}", by.name());
-        // Damping by backward differences is half a step late.
+        // Damping by backward differences lags by half a step.
         let order = if by.name() == "verlet" {
             1.0
         } else {
@@ -219,7 +220,8 @@ fn stability_limits_are_those_measured() {
                 "{} k={k} c={c} m={m}: {stated:.5} measured {measured:.5}",
                 by.name()
             );
-            // The explicit Euler method has no stable step without damping; bisection over finite runs ends just above 0.
+            // Explicit Euler has no stable step without damping; bisection over finite runs ends
+            // just above 0.
             let near = if stated == 0.0 {
                 measured < 1e-3
             } else {
@@ -259,7 +261,7 @@ fn the_stiffest_motion_of_a_chain_is_known() {
         "{mode:?}"
     );
     assert!((mode.damping_rate - 1.4).abs() <= 1e-15 && bound >= exact && bound <= 1.1 * exact);
-    // Twice the mass of one point raises nothing.
+    // Twice the mass of one point increases no frequency.
     let of = |by: &dyn Integrator| limit(by, &stiffest(&system));
     assert!(of(&Verlet::default()) < of(&Rk4) && of(&ImplicitEuler::default()) == f64::INFINITY);
     system.pin(0..7);
@@ -270,7 +272,7 @@ fn the_stiffest_motion_of_a_chain_is_known() {
     );
 }
 
-/// Energy over its start, greatest and at the end, of 1000 steps at `w dt` = 0.1.
+/// Energy relative to its start, greatest and at the end, of 1000 steps at `w dt` = 0.1.
 fn energies(mut by: impl Integrator, wh: f64, steps: usize) -> (f64, f64) {
     let mut system = oscillator(1.0, 0.0, 1.0, 1.0);
     let start = system.energy().total();
@@ -313,7 +315,8 @@ fn p38_semi_implicit_euler_and_verlet_do_not_drift() {
                 let middle = 0.5 * (before + system.velocity[1].x);
                 let verlet = x * x + middle * middle - 1.0;
                 assert!(euler.abs() <= 0.5 * wh * 1.05, "{euler}");
-                // Begun half a step late: its own start is the reference, off by (wh/2)^2.
+                // Started half a step late: its own start is the reference, with an error of
+                // (wh/2)^2.
                 assert!(verlet.abs() <= 2.0 * 0.25 * wh * wh * 1.05, "{verlet}");
                 *block += euler / 5000.0;
             }
@@ -347,7 +350,8 @@ fn m2_m3_critical_damping_overshoots_neither_at_once_nor_in_steps() {
     assert_eq!(damping::critical(4.0, 1.0), 4.0);
     assert!((damping::critical_of_pair(4.0, 1.0) - 32_f64.sqrt()).abs() <= 1e-15);
     assert!((damping::critical_in_steps(4.0, 1.0, 0.2) - 3.2).abs() <= 1e-15);
-    // The double root 0.6 of k = 4, m = 1, dt = 0.2, c = 3.2: no overshoot, and with less damping there is one.
+    // The double root 0.6 of k = 4, m = 1, dt = 0.2, c = 3.2: no overshoot; with less damping there
+    // is one.
     let least = |c: f64| {
         let (mut system, mut by) = (oscillator(4.0, c, 1.0, 1.0), Verlet::from_stillness());
         (0..60).fold(1.0_f64, |least, _| {
@@ -381,7 +385,7 @@ fn an_adaptive_step_finds_what_is_stable() {
             system.position[1].x
         );
     }
-    // Nothing is stable, and the system is left as it was.
+    // Nothing is stable, and the system is unchanged.
     let mut system = oscillator(100.0, 0.0, 1.0, 1.0);
     let mut by = Adaptive::new(Box::new(ExplicitEuler), 10.0);
     by.least = 5.0;
@@ -409,11 +413,12 @@ fn b09_rest_needs_small_forces_and_small_motion() {
     let (settled, system) = run(oscillator(4.0, 4.0, 1.0, 1.0), 10_000);
     assert_eq!(settled.end, End::Rest);
     assert!(system.position[1].x.abs() <= 1e-6 / 4.0 && settled.steps > 500);
-    // A drift of constant speed: the ratio of moves is 1, forces are zero, and it never comes to rest.
+    // A drift of constant speed: the ratio of moves is 1, forces are zero, and it never comes to
+    // rest.
     let mut adrift = SpringSystem::new(vec![Point3::origin(); 2], vec![1.0; 2]).unwrap();
     adrift.velocity = vec![Vector3::x(); 2];
     assert_eq!(run(adrift, 200).0.end, End::Steps);
-    // Slow decay: moves of ten steps differ by 2 % when most of the way is still to go.
+    // Slow decay: moves of ten steps differ by 2 % while most of the decay is still ahead.
     let (mut slow, mut moves) = (oscillator(1.0, 6.0, 1.0, 1.0), Vec::new());
     settle(
         &mut slow,
@@ -428,7 +433,7 @@ fn b09_rest_needs_small_forces_and_small_motion() {
     );
     let ratio = moves[399] / moves[389];
     assert!(ratio > 0.98 && slow.position[1].x > 0.1, "{ratio}");
-    // Nothing to do, and nobody who wants to go on.
+    // A system at rest, and a watcher that stops.
     assert_eq!(run(oscillator(4.0, 1.0, 1.0, 0.0), 10).0.steps, 0);
     let mut system = oscillator(4.0, 1.0, 1.0, 1.0);
     let stopped = settle(&mut system, &mut Rk4, 0.01, rest, 10, |_, r| r.step < 3);

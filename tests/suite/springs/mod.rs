@@ -1,4 +1,5 @@
-//! Spring systems: formulas of the sources against their numbers, forces against energies, orders and limits of steps.
+//! Spring systems: formulas of the sources compared with their numbers, forces with energies,
+//! orders and limits of steps.
 
 mod contact;
 mod formulas;

@@ -1,4 +1,5 @@
-//! Statements of the thesis on morphing and springs against its own numbers: errata M12, M14, M15, M18, M20, M22.
+//! Statements of the thesis on morphing and springs compared with its own numbers: errata M12, M14,
+//! M15, M18, M20, M22.
 
 use nalgebra::Vector3;
 use pliant::mesh::Topology;
@@ -25,12 +26,13 @@ fn m12_points_on_shared_edges_are_found_once_and_weights_sum_to_one() {
                 (found.weights.iter().sum::<f64>() - 1.0).abs() <= 1e-14
                     && found.weights.iter().all(|w| *w >= 0.0)
             );
-            // The place in the triangle's plane is in the direction asked for.
+            // The point in the triangle's plane lies in the given direction.
             let place = found.of(map.triangles(), map.points()).coords;
             assert!(place.normalize().cross(&direction.normalize()).norm() <= 1e-12);
         }
     }
-    // The printed test without exact signs: rounding leaves some middles of edges in no triangle or in two.
+    // The printed test without exact signs: rounding puts some midpoints of edges in no triangle or
+    // in two.
     let printed = |p: &Vector3<f64>| {
         let inside = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|v| map.points()[v as usize].coords);
@@ -55,7 +57,7 @@ fn m14_the_mass_of_a_point_is_not_that_of_muscle() {
     assert!(
         (real - 8.48).abs() <= 1e-12 && (printed - 0.0088).abs() <= 1e-12 && real / printed > 900.0
     );
-    // What a small mass does is to shorten the longest step: at c from (7.2) by the root of the ratio.
+    // A small mass shortens the longest step: at c from (7.2) by the root of the ratio.
     let limit =
         |mass: f64| Verlet::default().limit(Mode::of(14.47, (8.0 * mass * 3.0).sqrt(), mass));
     assert!(
@@ -78,7 +80,7 @@ fn m15_claims_about_the_tables_are_not_what_they_say() {
         cpu[1] / edge[1] > 11.0 && cpu[2] / shader[2] < 8.5,
         "more than tenfold by one method, never by the other"
     );
-    // Points at 70^3 over those at 60^3: not twice.
+    // Ratio of the points at 70^3 to those at 60^3: not two.
     assert!((70.0_f64.powi(3) / 60.0_f64.powi(3) - 1.588).abs() <= 1e-3);
     // "Best" dampings that are not best, tables 7.5 and 7.6.
     for (best, estimate) in [

@@ -1,4 +1,5 @@
-//! The thesis's own runs: the 5x5x5 system with its file, iterations to rest, stiffest motions, stability.
+//! The thesis's own runs: the 5x5x5 system with its file, iterations to rest, stiffest modes,
+//! stability.
 
 use nalgebra::Point3;
 use pliant::springs::format::{SpringFile, read_bytes, write_to};
@@ -24,7 +25,7 @@ fn cube(n: usize, neighbours: Neighbours, mass: f64, damping: f64) -> (SpringSys
     (system, shape.surface())
 }
 
-/// The last iteration with a move of at least 6.3e-7 after the pinned surface was shrunk by 2 %.
+/// The last iteration with a move of at least 6.3e-7 after the fixed surface was shrunk by 2 %.
 fn iterations(mass: f64, damping: f64) -> usize {
     let (mut system, surface) = cube(5, Neighbours::Six, mass, damping);
     let centre = Point3::new(0.5, 0.5, 0.5);
@@ -64,7 +65,7 @@ fn m16_table_7_4_is_reproduced() {
     ] {
         let found = iterations(m, c);
         println!("c = {c}, m = {m}: {found} for {expected}");
-        // Where a slowly beating motion passes the threshold a rounding may move it by a step.
+        // Where a motion with slow beats crosses the threshold, rounding can shift it by a step.
         assert!(
             found.abs_diff(expected) <= 1,
             "c = {c}, m = {m}: {found} for {expected}"
@@ -89,7 +90,7 @@ fn m3_stiffest_motions_and_limits_are_those_of_the_errata() {
         );
         assert!(found.bound >= found.mode.angular_frequency_squared);
     }
-    // 5^3, m = 0.0088, c = 0.4596: dt < 0.0269; 0.020 converges, 0.030 explodes.
+    // 5^3, m = 0.0088, c = 0.4596: dt < 0.0269; 0.020 converges, 0.030 diverges.
     let (mut system, surface) = cube(5, Neighbours::Six, 0.0088, 0.4596);
     let longest = limit(&Verlet::default(), &stiffest(&system));
     assert!((longest - 0.0269).abs() <= 1e-4, "{longest}");

@@ -1,4 +1,4 @@
-//! One mesh, examined and perhaps repaired.
+//! Examination and optional repair of one mesh.
 
 use std::path::Path;
 
@@ -11,15 +11,15 @@ use pliant::mesh::repair::{Change, Deviation, Options, deviation, repair};
 use pliant::scene::likely_units;
 use pliant::simulation::LoadError;
 
-/// What came of one file.
+/// Result for one file.
 pub(super) enum Outcome {
-    /// It is a mesh.
+    /// The file is a mesh.
     Checked(Box<Checked>),
-    /// It cannot be read, or its repaired form cannot be written.
+    /// The file cannot be read, or its repaired form cannot be written.
     Failed {
-        /// The file.
+        /// Name of the file.
         file: String,
-        /// Why.
+        /// The cause.
         failure: Failure,
     },
 }
@@ -60,41 +60,42 @@ impl Serialize for Outcome {
     }
 }
 
-/// One mesh and what is said of it; lengths, areas and volumes in the unit of the file.
+/// Results for one mesh; lengths, areas and volumes are in the unit of the file.
 #[derive(Serialize)]
 pub(super) struct Checked {
-    /// The file, as it was named.
+    /// Name of the file as given.
     pub file: String,
     /// The format of its content.
     pub format: &'static str,
-    /// Length of its unit [m], where that is known.
+    /// Length of the unit [m], if known.
     pub unit_m: Option<f64>,
-    /// Units in which its size would be that of a part of a body, the likeliest first; empty where the unit is known.
+    /// Units for which the size is plausible for a part of a body, the most likely first; empty if
+    /// the unit is known.
     pub likely_units: Vec<&'static str>,
-    /// Whether a simulation takes it as it is.
+    /// True if a simulation accepts the mesh unchanged.
     pub fit: bool,
-    /// Polylines beside the triangles.
+    /// Number of polylines.
     pub lines: usize,
     #[serde(flatten)]
     pub health: Health,
-    /// What is wrong with it.
+    /// Defects of the mesh.
     pub findings: Vec<Told>,
-    /// What became of it.
+    /// Result of the repair.
     pub repair: Option<Mended>,
 }
 
-/// A finding with its repair, of the mesh or of the reader.
+/// A defect of the mesh or a warning of the reader, with its repair.
 #[derive(Clone, Serialize)]
 pub(super) struct Told {
     pub code: &'static str,
     pub count: usize,
     pub message: String,
     pub repair: String,
-    /// The first place in the mesh.
+    /// First place in the mesh.
     pub place: Option<pliant::mesh::health::Place>,
-    /// The first line of the file, where the reader knows it.
+    /// First line in the file, if known.
     pub line: Option<usize>,
-    /// The first byte of the file, where the reader knows it.
+    /// First byte in the file, if known.
     pub offset: Option<usize>,
 }
 
@@ -145,29 +146,29 @@ fn in_options(repair: Repair) -> String {
 /// A repaired mesh.
 #[derive(Serialize)]
 pub(super) struct Mended {
-    /// Where it was written.
+    /// Path of the repaired mesh.
     pub file: String,
-    /// Whether a simulation takes it.
+    /// True if a simulation accepts it.
     pub fit: bool,
     pub changes: Vec<Change>,
-    /// The furthest that a vertex was moved.
+    /// Greatest displacement of a vertex.
     pub moved: f64,
-    /// How far the surfaces before and after lie apart; none where nothing was changed.
+    /// Distance between the surfaces before and after; `None` without a change.
     pub distance: Option<Deviation>,
-    /// Polylines that the format of the file could not take.
+    /// Number of polylines that the format of the file cannot store.
     pub lines_lost: usize,
     pub health: Health,
     pub findings: Vec<Told>,
 }
 
 impl Checked {
-    /// Whether a simulation takes what there is at the end.
+    /// True if a simulation accepts the final mesh.
     pub fn is_fit(&self) -> bool {
         self.repair.as_ref().map_or(self.fit, |mended| mended.fit)
     }
 }
 
-/// Reads, examines and, where there is a target, repairs and writes one mesh.
+/// Reads, examines and, with a target, repairs and writes one mesh.
 pub(super) fn check(
     path: &Path,
     unit: Option<f64>,
@@ -238,7 +239,7 @@ fn mend(read: &MeshFile, target: &Path, options: &Options) -> Result<Mended, io:
     })
 }
 
-/// Sizes beyond which a unit is probably wrong [m].
+/// Limits of plausible sizes [m].
 const ODD: [f64; 2] = [1e-3, 100.0];
 
 fn size_warning(health: &Health, unit: Option<f64>) -> Option<Told> {

@@ -1,4 +1,4 @@
-//! What was found, as text: all about one mesh, a line each about several.
+//! The results as text: all details for one mesh, one line each for several.
 
 use super::checked::{Checked, Mended, Outcome, Told};
 use crate::report::Table;
@@ -54,7 +54,7 @@ fn finding(file: &str, told: &Told) -> String {
     )
 }
 
-/// Four digits, in the way that is easiest to read.
+/// Four digits in the most readable form.
 fn short(number: f64) -> String {
     let size = number.abs();
     if size == 0.0 {
@@ -67,7 +67,7 @@ fn short(number: f64) -> String {
     }
 }
 
-/// The unit of the file as it stands behind a number, with a power.
+/// The unit of the file after a number, with a power.
 fn in_unit(unit: Option<&str>, power: &str) -> String {
     unit.map_or_else(String::new, |u| format!(" {u}{power}"))
 }
@@ -263,7 +263,7 @@ fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {
             mended.lines_lost
         ));
     }
-    // What was said of the mesh as read is not said again.
+    // Messages about the original mesh are not repeated.
     let known =
         |told: &&Told| !told.refuses() && checked.findings.iter().any(|f| f.code == told.code);
     for told in mended.findings.iter().filter(|told| !known(told)) {

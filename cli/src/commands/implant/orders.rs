@@ -1,4 +1,4 @@
-//! What a person asks of implants, read from the command line.
+//! The user's orders of implants, parsed from the command line.
 
 use nalgebra::{Point3, Vector3};
 
@@ -48,7 +48,7 @@ pub(super) fn hint(error: &SkinError) -> &'static str {
     }
 }
 
-/// A number with one of some units; `bare` is the unit of a number without.
+/// Parses a number with one of several units; `bare` is the unit of a number without one.
 fn quantity(
     what: &str,
     text: &str,
@@ -58,7 +58,7 @@ fn quantity(
     let text = text.trim();
     let known: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
     let hint = format!("write a number and a unit of {}", known.join(", "));
-    // The unit is taken off first: what is left may be `nan`, which is a number that later checks refuse.
+    // The unit is removed first: the rest can be `nan`, a number that later checks reject.
     let of = |(name, unit): (&str, f64)| {
         Some(text.strip_suffix(name)?.trim_end().parse::<f64>().ok()? * unit)
     };
@@ -67,7 +67,7 @@ fn quantity(
     found.ok_or_else(|| Failure::usage(format!("{what}: cannot read `{text}`"), hint))
 }
 
-/// Refuses what is no positive number, as it was written.
+/// Rejects a number that is not positive, with its text.
 fn positive(flag: &str, what: &str, text: &str, value: f64) -> Result<f64, Failure> {
     if value > 0.0 && value.is_finite() {
         return Ok(value);
@@ -111,7 +111,7 @@ fn triple(what: &str, text: &str) -> Result<[f64; 3], Failure> {
     })
 }
 
-/// What a person says of one implant; what is missing is taken from the other options.
+/// The user's text for one implant; missing parts come from the other options.
 #[derive(Clone, Default)]
 pub(super) struct Said {
     near_vertex: Option<usize>,
@@ -174,7 +174,7 @@ impl Said {
     }
 }
 
-/// Days and volumes.
+/// Parses days and volumes.
 fn schedule(text: &str) -> Result<Schedule, Failure> {
     let filling = |pair: &str| {
         let hint = "write a day and a volume each, as in 0:30cc,7:60cc";
@@ -293,25 +293,25 @@ pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Imp
     Ok(order)
 }
 
-/// A refusal of what was written, or is meant where nothing was.
+/// The rejection of a value, given or default.
 fn flagged(flag: &str, text: &str, more: &str, error: &SkinError) -> Failure {
     Failure::usage(format!("{flag} {text}{more}: {error}"), hint(error))
 }
 
-/// What is asked of an implant.
+/// The question about an implant.
 pub(super) enum Question {
-    /// What its volume does.
+    /// The result for its volume.
     Volume,
-    /// Which volume gains this area [m^2].
+    /// The volume with this gain [m^2].
     Area(f64),
-    /// What each of these volumes does [m^3].
+    /// The results for each of these volumes [m^3].
     Volumes(Vec<f64>),
-    /// What it does as it is filled.
+    /// The results during its filling.
     Fill(Schedule),
 }
 
 impl Question {
-    /// Volumes that are known before anything is computed [m^3], in their order, and the day of each.
+    /// Volumes that are known in advance [m^3], in order, with the day of each.
     pub(super) fn volumes(&self, order: &ImplantSpec) -> Vec<(f64, Option<f64>)> {
         match self {
             Self::Volume => vec![(order.implant.volume, None)],
@@ -325,12 +325,13 @@ impl Question {
         }
     }
 
-    /// Whether it has a curve.
+    /// True for a question with several volumes.
     pub(super) fn is_curve(&self) -> bool {
         matches!(self, Self::Volumes(_) | Self::Fill(_))
     }
 
-    /// Refuses volumes that are no implant: one so flat that contact decides where it lies, or one too large for its base.
+    /// Rejects volumes that are no implant: so flat that contact decides on the shape, or too large
+    /// for the base.
     pub(super) fn check(&self, order: &ImplantSpec) -> Result<(), SkinError> {
         let edge = order.edge();
         for (volume, _) in self.volumes(order) {
@@ -372,7 +373,7 @@ pub(super) fn question(arguments: &Arguments, said: &Said) -> Result<Question, F
             .collect();
         return Ok(Question::Volumes(volumes?));
     }
-    // An implant with a volume of its own is not filled as the others are.
+    // An implant with its own volume ignores the common schedule.
     let fill = said
         .fill
         .as_ref()

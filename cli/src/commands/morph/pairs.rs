@@ -1,4 +1,4 @@
-//! The file of pairs: vertices of two surfaces that must meet.
+//! The file of pairs: corresponding vertices of two surfaces.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -8,7 +8,8 @@ use nalgebra::Point3;
 use super::super::failure::Failure;
 use pliant::mesh::TriangleMesh;
 
-/// Reads lines `VERTEX VERTEX` or `X Y Z X Y Z`, the latter in the unit of the files; `scale` takes it to that of the meshes.
+/// Reads lines `VERTEX VERTEX` or `X Y Z X Y Z`, the latter in the unit of the files; `scale`
+/// converts it to that of the meshes.
 pub(super) fn read(
     file: &Path,
     meshes: [&TriangleMesh; 2],
@@ -75,7 +76,7 @@ pub(super) fn read(
     Ok(pairs)
 }
 
-/// Two vertices, in numbers that may be too large.
+/// Two vertices, with numbers that can be too large.
 fn pair(line: &str, meshes: [&TriangleMesh; 2], scale: f64) -> Option<[u64; 2]> {
     let words: Vec<&str> = line
         .split([' ', '\t', ',', ';'])

@@ -1,4 +1,4 @@
-//! `pliant run` of a scene without muscles.
+//! `pliant run` for a scene without muscles.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -52,7 +52,7 @@ pub(super) fn run(
     })
 }
 
-/// What a person wants to know at the end.
+/// The final message for the user.
 fn in_words(scenario: &dyn Scenario, ended: &Performed, folder: &Path, took: Duration) -> String {
     let interrupted = if ended.interrupted {
         ", interrupted"

@@ -1,4 +1,4 @@
-//! The system that a command names.
+//! The spring system of a command.
 
 use std::path::Path;
 
@@ -14,16 +14,16 @@ use pliant::springs::lattice::{Settings, Shape};
 use pliant::springs::patterns::{self, at_rest};
 use pliant::springs::{Neighbours, SpringSystem};
 
-/// Where the operating system does not say how much memory there is [bytes].
+/// Assumed memory if the operating system does not report it [bytes].
 const MEMORY: u64 = 8 << 30;
 
-/// Memory of a point and of a spring while a system is built and run, its results included [bytes].
+/// Memory of a point and of a spring during construction and run, including the results [bytes].
 const POINT_BYTES: u64 = 640;
 const SPRING_BYTES: u64 = 200;
 
 /// A system, ready to run.
 pub(super) struct Built {
-    /// Its name, for the folder.
+    /// Name of the system, for the folder.
     pub(super) name: String,
     /// The system, at rest.
     pub(super) system: SpringSystem,
@@ -33,9 +33,9 @@ pub(super) struct Built {
     pub(super) rest: Vec<f64>,
     /// Triangles of its surface.
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Neighbours in a lattice; what is nearest for a file.
+    /// Neighbours in a lattice; for a file the most similar kind.
     pub(super) neighbours: Neighbours,
-    /// What is worth knowing.
+    /// Notes for the user.
     pub(super) notes: Vec<String>,
     surface: Vec<u32>,
     body: Option<Body>,
@@ -52,7 +52,7 @@ pub(super) fn sides(text: &str) -> Result<[usize; 3], String> {
     sides.try_into().map_err(|_| wrong())
 }
 
-/// Memory that can be had [bytes].
+/// Available memory [bytes].
 fn memory() -> u64 {
     let text = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
     let line = text
@@ -76,7 +76,8 @@ impl Built {
             .map_err(|e| unfit(&e))?;
         let body = Some(body(&system, &springs, mass));
         let (lines, rest) = parts(&springs);
-        // A point inside a lattice of 6 neighbours has three springs of its own, one of 26 thirteen.
+        // An inner point of a lattice has three springs of its own for 6 neighbours, thirteen for
+        // 26.
         let dense = lines.len() > 6 * system.len();
         system.add(springs).map_err(|e| unfit(&e))?;
         let surface = (0u32..)
@@ -167,13 +168,13 @@ impl Built {
         })
     }
 
-    /// The damping (7.2) [N s/m]; `None` where springs have no length.
+    /// The damping (7.2) [N s/m]; `None` if the springs have no length.
     pub(super) fn estimate(&self) -> Option<f64> {
         let estimate = damping::estimate(self.neighbours, self.body?);
         Some(estimate).filter(|c| c.is_finite() && *c > 0.0)
     }
 
-    /// Moves the surface towards the centre by a share, and holds it if wanted.
+    /// Moves the surface towards the centre by a share, and fixes it if `hold` is true.
     pub(super) fn disturb(&mut self, share: f64, hold: bool) {
         let bounds = Aabb::of_points(&self.system.position);
         let centre = center(&bounds.min, &bounds.max);
@@ -191,7 +192,7 @@ impl Built {
         }
     }
 
-    /// Where the springs were at rest.
+    /// Positions of the springs at rest.
     pub(super) fn positions(&self) -> &[Point3<f64>] {
         &self.system.position
     }
@@ -206,7 +207,7 @@ fn parts(springs: &Springs) -> (Vec<[u32; 2]>, Vec<f64>) {
         .unzip()
 }
 
-/// What the estimate of the damping needs: means over the springs, and the longest side of all points.
+/// Input of the damping estimate: means over the springs, and the longest side of all points.
 fn body(system: &SpringSystem, springs: &Springs, mass: f64) -> Body {
     let count = springs.springs().len() as f64;
     let mean = |value: &dyn Fn(f64, f64) -> f64| {

@@ -1,15 +1,16 @@
-//! How fast a run comes nearer to rest, and so how many steps it needs.
+//! Rate of convergence to rest, and an estimate of the number of steps.
 
 use pliant::springs::rest::{Rest, StepRecord};
 
-/// Told steps are so many times those that the fall so far would need: the slowest part falls last.
+/// Factor on the extrapolated number of steps: the slowest part decreases last.
 const SPARE: f64 = 2.5;
 
-/// What is left of force and motion, over what is allowed: the most in two spans of steps, since it swings.
+/// Residual force and motion relative to their tolerances: the greatest in two intervals of steps,
+/// since they oscillate.
 pub(super) struct Nearing {
     rest: Rest,
     steps: usize,
-    /// Half way, and at the end.
+    /// At the middle and at the end.
     most: [f64; 2],
 }
 
@@ -22,11 +23,11 @@ impl Nearing {
         }
     }
 
-    /// A step is done.
+    /// Adds a step.
     pub(super) fn step(&mut self, step: &StepRecord) {
         let left =
             (step.residual / self.rest.force).max((step.energy.kinetic / self.rest.energy).sqrt());
-        // An eighth of all steps before the half, and before the end.
+        // An eighth of all steps before the middle, and before the end.
         let eighth = 8 * step.step / self.steps.max(1);
         let spans = [eighth == 3, eighth >= 7];
         let most = self
@@ -37,7 +38,7 @@ impl Nearing {
         most.for_each(|(most, _)| *most = most.max(left));
     }
 
-    /// What to do where all steps were not enough.
+    /// Advice if the steps were not sufficient.
     pub(super) fn hint(&self) -> String {
         let [half, end] = self.most;
         let fall = (half / end).ln() / (0.5 * self.steps as f64);
@@ -46,7 +47,7 @@ impl Nearing {
         }
         let needed = self.steps as f64 + SPARE * end.max(1.0).ln() / fall;
         let unit = 10f64.powf(needed.log10().floor() - 1.0);
-        // More than may be asked for.
+        // More than the option allows.
         if !(needed <= 1e7) {
             return "give another --damping: what is left hardly falls, no number of --steps is enough".to_owned();
         }
@@ -87,10 +88,11 @@ mod tests {
                 .nth(1)
                 .and_then(|rest| rest.split(' ').next()?.parse().ok())
         };
-        // At rest after 2000 steps; 2.5 times the 1125 that are left after the last span begins.
+        // At rest after 2000 steps; 2.5 times the 1125 that remain at the start of the last
+        // interval.
         let even = hint(|step| ((2000.0 - step) / 100.0).exp());
         assert_eq!(told(&even), Some(3900.0), "{even}");
-        // It swings as it falls.
+        // An oscillating decrease.
         let swung = hint(|step| ((2000.0 - step) / 100.0).exp() * (1.01 + (0.3 * step).cos()));
         assert!(
             told(&swung).is_some_and(|steps: f64| (3000.0..=5000.0).contains(&steps)),

@@ -1,4 +1,5 @@
-//! Pictures of a spring system: its springs as lines, coloured by their strain, behind a cut through the middle.
+//! Pictures of a spring system: springs as lines, coloured by their strain, behind a cut through
+//! the middle.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,27 +10,29 @@ use pliant_render::{
 
 /// Width and height [px].
 const SIZE: (u32, u32) = (900, 720);
-/// Springs in a picture, at most: more of them hide each other. Those nearest to the cut are drawn.
+/// Greatest number of springs in a picture: more hide each other. Those nearest to the cut are
+/// drawn.
 const MOST: usize = 4000;
-/// Colours: a line has one, so springs of nearly the same strain are drawn together.
+/// Number of colours: a line has one, so springs of nearly equal strain are drawn together.
 const CLASSES: usize = 24;
 const INK: Rgb = [0.16, 0.17, 0.19];
 
-/// Springs of nearly the same strain, and their colour.
+/// Springs of nearly equal strain, with their colour.
 type Class = (Vec<Vec<Point3<f64>>>, Rgb);
 
-/// The springs of a system that pictures show.
+/// The visible springs of a system.
 pub(super) struct Shown {
     ends: Vec<[usize; 2]>,
     rest: Vec<f64>,
 }
 
 impl Shown {
-    /// Springs behind the plane through the middle across y, of a system at `x` [m]; all, if none are there.
+    /// Springs behind the plane through the middle across y, for a system at `x` [m]; all if there
+    /// are none.
     pub(super) fn behind_cut(x: &[Point3<f64>], ends: &[[u32; 2]], rest: &[f64]) -> Self {
         let bounds = Aabb::of_points(x);
         let middle = nalgebra::center(&bounds.min, &bounds.max).y;
-        // A plane of points in the middle counts as behind it, whatever its coordinates were rounded to.
+        // A plane of points in the middle counts as behind, for any rounding of its coordinates.
         let rounded = 1e-9 * bounds.extents().max();
         let y = |s: usize| ends[s].map(|p| x[p as usize].y - middle + rounded);
         let mut shown: Vec<usize> = (0..ends.len())
@@ -39,7 +42,7 @@ impl Shown {
             shown = (0..ends.len()).collect();
         }
         if shown.len() > MOST {
-            // Whole layers behind the cut, as long as one is not too much.
+            // Whole layers behind the cut, unless one is too large.
             let depth = |s: usize| y(s)[0].max(y(s)[1]);
             shown.sort_by(|&a, &b| depth(a).total_cmp(&depth(b)));
             let next = depth(shown[MOST]) - 2.0 * rounded;
@@ -53,7 +56,7 @@ impl Shown {
         }
     }
 
-    /// How much longer each spring is than at rest, over that; NaN where the rest length is 0.
+    /// Strain of each spring; NaN for rest length 0.
     fn strains(&self, x: &[Point3<f64>]) -> Vec<f64> {
         let strain = |([a, b], rest): (&[usize; 2], &f64)| match *rest > 0.0 {
             true => (x[*a] - x[*b]).norm() / rest - 1.0,
@@ -62,10 +65,10 @@ impl Shown {
         self.ends.iter().zip(&self.rest).map(strain).collect()
     }
 
-    /// One picture for each state of the points, with one scale of colours for all.
+    /// One picture for each state of the points, with a common colour scale.
     ///
     /// # Errors
-    /// What the encoder says.
+    /// Errors of the encoder.
     pub(super) fn pictures(
         &self,
         states: &[(&str, &[Point3<f64>])],
@@ -73,7 +76,7 @@ impl Shown {
         let strains: Vec<Vec<f64>> = states.iter().map(|(_, x)| self.strains(x)).collect();
         let known = || strains.iter().flatten().copied().filter(|s| s.is_finite());
         let (least, most) = (-max_or_nan(known().map(|s| -s)), max_or_nan(known()));
-        // Where strains differ by rounding alone colours are to say so.
+        // If strains differ by rounding only, the colours should show that.
         let range = if most - least > 1e-6 {
             (least, most)
         } else {
@@ -102,7 +105,7 @@ impl Shown {
         each.collect()
     }
 
-    /// Those without a strain are the last class.
+    /// Springs without a strain are the last class.
     fn classes(&self, x: &[Point3<f64>], strains: &[f64], range: (f64, f64)) -> Vec<Class> {
         let colour = |class: usize| {
             let t = if class < CLASSES {

@@ -16,13 +16,13 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::springs::SpringSystem;
 use pliant::springs::rest::StepRecord;
 
-/// Rows of the table of steps at most; a longer run keeps every second, and so on.
+/// Greatest number of rows in the table of steps; a longer run keeps every second step, and so on.
 const MOST_ROWS: usize = 20_000;
 
-/// Points of a plotted line at most.
+/// Greatest number of points of a plotted line.
 const MOST_POINTS: usize = 1000;
 
-/// What is remembered and written of a run.
+/// Stored and written data of a run.
 pub(super) struct Record {
     folder: Folder,
     name: String,
@@ -39,7 +39,7 @@ pub(super) struct Record {
 }
 
 impl Record {
-    /// Begins with the start, which it writes.
+    /// Starts with the initial state and writes it.
     pub(super) fn begin(
         folder: Folder,
         built: &Built,
@@ -66,12 +66,12 @@ impl Record {
         Ok(record)
     }
 
-    /// Time that was run [s].
+    /// Simulated time [s].
     pub(super) fn time(&self) -> f64 {
         self.time
     }
 
-    /// Takes a step; a frame that cannot be written is told at the end.
+    /// Adds a step; an error of writing a frame is reported at the end.
     pub(super) fn step(&mut self, system: &SpringSystem, step: &StepRecord) {
         self.time += step.dt;
         if step.step.is_multiple_of(self.stride) {

@@ -16,16 +16,16 @@ use pliant_render::{
 /// Size of a picture from a side, and of a section [px].
 const SIZE: (u32, u32) = (620, 760);
 const SECTION: (u32, u32) = (460, 460);
-/// Steps of colour that fibres are drawn in.
+/// Number of colour classes of fibres.
 const STEPS: usize = 24;
-/// How much of what is behind it the muscle hides.
+/// Opacity of the muscle.
 const OPACITY: f32 = 0.3;
-/// Where sections are, as shares of the muscle's length along the line of action.
+/// Positions of the sections, relative to the muscle's length along the line of action.
 const SECTIONS: [f64; 3] = [0.25, 0.5, 0.75];
 /// Radius of a fibre in a section, in mean spacings.
 const DOT: f64 = 0.16;
 
-/// Rims of the areas, tendons, lines on the surface, flesh that is cut, and fibres in it.
+/// Colours of area boundaries, tendons, lines on the surface, cut tissue, and fibres in it.
 const ORIGIN: Rgb = [0.13, 0.33, 0.85];
 const INSERTION: Rgb = [0.80, 0.08, 0.15];
 const TENDON: Rgb = [0.25, 0.25, 0.27];
@@ -33,7 +33,7 @@ const SEEN: Rgb = [0.05, 0.05, 0.05];
 const FLESH: Rgb = [0.86, 0.55, 0.50];
 const INK: Rgb = [0.16, 0.17, 0.19];
 
-/// Along the line of action, along the broad side across it, and out of the broad side.
+/// Axes along the line of action, along the broad side across it, and out of the broad side.
 fn axes(muscle: &TriangleMesh, action: &Vector3<f64>) -> [Vector3<f64>; 3] {
     let along = action.try_normalize(0.0).unwrap_or_else(Vector3::z);
     let helper = Vector3::ith(along.iamin(), 1.0);
@@ -51,7 +51,7 @@ fn axes(muscle: &TriangleMesh, action: &Vector3<f64>) -> [Vector3<f64>; 3] {
         .iter()
         .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
         .sum();
-    // The angle at which the spread across the line of action is greatest.
+    // The angle with the greatest variance across the line of action.
     let [a, b, c] =
         [(first, first), (first, second), (second, second)].map(|(u, v)| u.dot(&(spread * v)));
     let angle = 0.5 * libm::atan2(2.0 * b, a - c);
@@ -59,7 +59,7 @@ fn axes(muscle: &TriangleMesh, action: &Vector3<f64>) -> [Vector3<f64>; 3] {
     [along, broad, along.cross(&broad)]
 }
 
-/// The edges of an area that only one of its triangles has.
+/// The edges of an area with exactly one of its triangles.
 fn rim(muscle: &TriangleMesh, area: &Area) -> Vec<Vec<Point3<f64>>> {
     let triangles = area
         .triangles
@@ -79,7 +79,7 @@ fn rim(muscle: &TriangleMesh, area: &Area) -> Vec<Vec<Point3<f64>>> {
     topology.boundary_edges().into_iter().map(edge).collect()
 }
 
-/// Fibres in steps of a number, and the legend of its colours.
+/// Fibres in classes of a number, with the legend of the colours.
 fn coloured(
     fibres: &[Vec<Point3<f64>>],
     legend: &Legend,
@@ -237,7 +237,7 @@ impl Bundle<'_> {
         Frame::beside(&frames, 6, [1.0; 3]).to_png()
     }
 
-    /// What a plane across the line of action cuts, and the fibres that pass through it.
+    /// The section by a plane across the line of action, with the fibres through it.
     fn section(&self, [along, _, out]: &[Vector3<f64>; 3], share: f64) -> Frame {
         let heights = || self.muscle.vertices.iter().map(|p| p.coords.dot(along));
         let (low, high) = heights().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| {
@@ -253,7 +253,7 @@ impl Bundle<'_> {
         for s in self.fibres.iter().flat_map(|f| f.windows(2)) {
             let [a, b] = [s[0], s[1]].map(|p| p.coords.dot(along) - at);
             if (a < 0.0) != (b < 0.0) {
-                // Raised so that the flesh does not hide it.
+                // Raised so that the tissue does not hide it.
                 let middle = s[0] + (s[1] - s[0]) * (a / (a - b)) + along * (DOT * spacing);
                 dot(&mut dots, &middle, along, DOT * spacing);
             }
@@ -267,7 +267,7 @@ impl Bundle<'_> {
             ..Lines::new(&outline, INK)
         });
         let view = View::orthographic(*along, *out);
-        // Where a surface is open its line encloses nothing, and may lie far off.
+        // The line of an open surface encloses nothing and can be far away.
         let focus = flesh.vertices.iter().chain(&dots.vertices).copied();
         let mut frame = render(
             &drawing,
@@ -278,7 +278,7 @@ impl Bundle<'_> {
     }
 }
 
-/// Adds a disc of `radius` [m] across `normal`.
+/// Adds a disc of `radius` [m] perpendicular to `normal`.
 fn dot(mesh: &mut TriangleMesh, middle: &Point3<f64>, normal: &Vector3<f64>, radius: f64) {
     let helper = Vector3::ith(normal.iamin(), 1.0);
     let first = normal.cross(&helper).normalize() * radius;

@@ -1,4 +1,4 @@
-//! Pictures of skin over implants: from outside, in section, and before.
+//! Pictures of skin over implants: from outside, in section, and before the insertion.
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
@@ -17,22 +17,23 @@ use pliant_render::{
 /// Size of a picture [px].
 const SIZE: (u32, u32) = (720, 560);
 
-/// Implants that look apart by more than this have pictures of their own [degrees].
+/// Implants with a greater angle between their directions have separate pictures [degrees].
 const APART: f64 = 60.0;
 
-/// So have those further from each other than this, in their bases.
+/// Implants with a greater distance, in their bases, have separate pictures.
 const DISTANT: f64 = 4.0;
 
-/// A direction from which so much of each region is seen is taken.
+/// Least visible share of each region in a picture.
 const SEEN: f64 = 0.97;
 
-/// Vertices of a region that are looked for, about.
+/// Approximate number of tested vertices of a region.
 const LOOKS: usize = 400;
 
-/// The colours end at a round stretch that is not below this one.
+/// Least upper end of the colour range, which is a round stretch.
 const LEAST: f64 = 1.05;
 
-/// Skin, skin that is cut, the implant where it is cut, bone where it is cut, what was below the skin, lines of the section, the skin before.
+/// Colours of skin, cut skin, the cut implant, cut bone, the original bed, lines of the section,
+/// the skin before.
 const SKIN: Rgb = [0.86, 0.74, 0.66];
 const FLESH: Rgb = [0.84, 0.50, 0.45];
 const FILLING: Rgb = [0.66, 0.78, 0.92];
@@ -41,18 +42,18 @@ const BED: Rgb = [0.72, 0.52, 0.48];
 const INK: Rgb = [0.16, 0.17, 0.19];
 const BEFORE: Rgb = [0.30, 0.45, 0.35];
 
-/// The limit of the stretch.
+/// Colour of the limit of the stretch.
 const LIMIT: Rgb = [0.88, 0.10, 0.12];
 
-/// Implants that are looked at together.
+/// Implants with a common picture.
 struct Group {
     implants: Vec<usize>,
-    /// Out of the body, along the skin, and across both.
+    /// Axes out of the body, along the skin, and perpendicular to both.
     axes: [Vector3<f64>; 3],
 }
 
 impl Insertion<'_> {
-    /// From outside with its colours, in section and before, for all implants.
+    /// Pictures from outside with colours, in section and before, for all implants.
     pub(in crate::report) fn pictures(&self, shown: &Shown) -> Result<Vec<Picture>, PictureError> {
         let mut all = Vec::new();
         let groups = self.groups();
@@ -87,7 +88,7 @@ impl Insertion<'_> {
         Ok(all)
     }
 
-    /// How some of the implants are called.
+    /// The names of some implants.
     fn which(&self, implants: &[usize]) -> String {
         let each = self.each();
         let numbers: Vec<String> = implants
@@ -132,7 +133,7 @@ impl Insertion<'_> {
             let out = sum
                 .try_normalize(0.0)
                 .unwrap_or_else(|| first * Vector3::z());
-            // At most 60 degrees from the first one's normal, so there is a part of its axis across.
+            // At most 60 degrees from the first normal, so a part of its axis is perpendicular.
             let level = first * Vector3::y();
             let up = (level - out * level.dot(&out))
                 .try_normalize(0.0)
@@ -148,7 +149,7 @@ impl Insertion<'_> {
             .collect()
     }
 
-    /// What the colours mean: up to the greatest stretch that is drawn, with the limit marked.
+    /// The legend: up to the greatest visible stretch, with a mark for the limit.
     fn legend(&self, stretch: &[f64]) -> Legend {
         let most = stretch
             .iter()
@@ -156,20 +157,20 @@ impl Insertion<'_> {
             .filter(|s| s.is_finite())
             .fold(LEAST, f64::max);
         let step = if most <= 1.5 { 0.05 } else { 0.1 };
-        // What is round but for the last bits is round.
+        // Numbers that are round up to rounding stay.
         let range = (1.0, (most / step - 1e-6).ceil() * step);
         Legend::new("Stretch", "", range, ColourMap::Viridis)
             .large()
             .with_mark(self.limit, LIMIT)
     }
 
-    /// Everything cut in halves through the middle of an implant, along its frame.
+    /// A section through the middle of an implant, along its frame.
     fn section(&self, shown: &Shown, k: usize) -> Result<Vec<u8>, PictureError> {
         let all = self.each();
         let one = &all[k];
         let (layers, n, done) = (&one.ready.layers, one.ready.layers.count(), one.done);
         let [up, out] = [Vector3::y(), Vector3::z()].map(|axis| one.frame * axis);
-        // Others that share its skin are cut with it.
+        // Other implants that share its skin are cut with it.
         let shells: Vec<TriangleMesh> = all
             .iter()
             .filter(|o| o.region == one.region)
@@ -202,14 +203,16 @@ impl Insertion<'_> {
         };
         let upper = halved(&upper);
         let lower = halved(&under(layers, &done.x));
-        // What bears the implant, its top first: where no bone does, it is what was below the lower layer.
+        // The bed of the implant, seen from its top: the bone, or else the original surface below
+        // the lower layer.
         let bed = if self.obstacles.is_empty() {
             halved(&layers.bed())
         } else {
             Cut::default()
         };
         let [rest, before] = [rest, before].map(|mesh| halved(&mesh));
-        // Of the implant only its cut is drawn: the rest is under the skin, and in the bed by what contact gives way.
+        // Only the cut of the implant is drawn: the rest is under the skin, or slightly inside the
+        // bed.
         let inside: Vec<Cut> = shells.iter().map(halved).collect();
         let bones: Vec<(Cut, bool)> = self
             .obstacles
@@ -224,7 +227,7 @@ impl Insertion<'_> {
             plain(&upper.mesh, SKIN),
         ];
         surfaces.extend(bones.iter().map(|(c, _)| plain(&c.mesh, colour::BONE)));
-        // What is closed is filled where it is cut.
+        // A closed region is filled at the cut.
         let skin_line = [upper.line.as_slice(), &lower.line].concat();
         let closed = bones
             .iter()
@@ -273,7 +276,7 @@ fn numbered(what: &str, k: usize) -> String {
     }
 }
 
-/// Triangles whose owners are wanted.
+/// Triangles with the given owners.
 fn part(whole: &Whole, at: &TriangleMesh, wanted: impl Fn(u32) -> bool) -> TriangleMesh {
     let triangles = at
         .triangles
@@ -291,7 +294,8 @@ fn plain(mesh: &TriangleMesh, colour: Rgb) -> Surface<'_> {
     Surface::plain(&mesh.vertices, &mesh.triangles, colour)
 }
 
-/// The lower layer and a wall up to the rim of the upper one: with that one a closed surface.
+/// The lower layer with a wall to the boundary of the upper one: together with the upper layer a
+/// closed surface.
 fn under(layers: &Layers, x: &[Point3<f64>]) -> TriangleMesh {
     let n = layers.count() as u32;
     let vertices = x[..2 * n as usize].to_vec();
@@ -317,7 +321,7 @@ fn under(layers: &Layers, x: &[Point3<f64>]) -> TriangleMesh {
     }
 }
 
-/// A surface whose neighbours agree about their sides, outward where it is closed, and whether that is so.
+/// A consistently oriented surface, outward if closed, and whether it is closed.
 fn oriented(mesh: &TriangleMesh) -> (TriangleMesh, bool) {
     let (mut mesh, topology) = (mesh.clone(), Topology::new(mesh));
     let orientation = Orientation::new(&topology, &mesh.triangles);
@@ -335,13 +339,13 @@ fn oriented(mesh: &TriangleMesh) -> (TriangleMesh, bool) {
     (mesh, topology.is_closed())
 }
 
-/// Where a group of implants is looked at from, and what of the skin is seen then.
+/// The view of a group of implants, and the visible skin.
 struct Stage<'a> {
     insertion: &'a Insertion<'a>,
     shown: &'a Shown,
     group: &'a Group,
     view: View,
-    /// What is nearer to the viewer is left out: a height along the line of sight [m].
+    /// Height along the line of sight beyond which nearer parts are left out [m].
     front: f64,
     focus: Vec<Point3<f64>>,
 }
@@ -383,7 +387,7 @@ impl<'a> Stage<'a> {
             looked.iter().map(seen).fold(1.0, f64::min)
         };
         let ways = directions(&group.axes);
-        // Only where no direction is free something is taken away.
+        // Parts are only removed if no direction is free.
         let clear = ways
             .iter()
             .find(|from| free(from, f64::INFINITY) >= SEEN)
@@ -393,7 +397,7 @@ impl<'a> Stage<'a> {
             let seen: Vec<_> = fronts
                 .map(|(from, front)| (free(&from, front), from, front))
                 .collect();
-            // The first of equals.
+            // The first of equal directions.
             let best = seen.into_iter().rev().max_by(|a, b| a.0.total_cmp(&b.0));
             best.map_or((group.axes[0], f64::INFINITY), |(_, from, front)| {
                 (from, front)
@@ -415,7 +419,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// A surface without what is in front of all regions.
+    /// A surface without the parts in front of all regions.
     fn open(&self, mesh: &TriangleMesh, values: &[f64]) -> Cut {
         if self.front == f64::INFINITY {
             return Cut {
@@ -451,7 +455,7 @@ impl<'a> Stage<'a> {
         frame.to_png()
     }
 
-    /// The skin over the implants, and what is said of the limit of its stretch.
+    /// The picture of the skin over the implants, with a text about the limit of its stretch.
     fn over(&self) -> Result<(Vec<u8>, String), PictureError> {
         let limit = self.insertion.limit;
         let legend = self.insertion.legend(&self.shown.stretch);
@@ -486,12 +490,12 @@ impl<'a> Stage<'a> {
         ))
     }
 
-    /// The skin before, seen from the same place.
+    /// The picture of the skin before, with the same view.
     fn before(&self) -> Result<Vec<u8>, PictureError> {
         let skin = self.open(&self.shown.whole.mesh, &[]);
         let surface = Surface::plain(&skin.mesh.vertices, &skin.mesh.triangles, colour::BONE);
         let legend = self.insertion.legend(&self.shown.stretch);
-        // As wide as with a legend, so that both pictures can be laid over each other.
+        // As wide as with a legend, so that both pictures match.
         let canvas = Canvas::new(SIZE.0, SIZE.1).with_right(legend.width());
         let camera = Camera::fit(self.focus.iter().copied(), &self.view, canvas);
         let mut frame = render(&Drawing::of([surface]), &camera);
@@ -500,7 +504,7 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// Directions to look from, the likeliest first: obliquely from all sides, then steeper.
+/// View directions, the most suitable first: obliquely from all sides, then steeper.
 fn directions([out, up, right]: &[Vector3<f64>; 3]) -> Vec<Vector3<f64>> {
     let about = Unit::new_normalize(*out);
     let mut all = Vec::new();
@@ -515,7 +519,7 @@ fn directions([out, up, right]: &[Vector3<f64>; 3]) -> Vec<Vector3<f64>> {
     all
 }
 
-/// How near to the viewer the nearest of some points is, and a little more [m].
+/// Depth of the nearest of some points, with a margin [m].
 fn front_of(points: &[Vec<Point3<f64>>], from: &Vector3<f64>) -> f64 {
     let heights = || points.iter().flatten().map(|p| p.coords.dot(from));
     let (low, high) = heights().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| {
@@ -524,7 +528,8 @@ fn front_of(points: &[Vec<Point3<f64>>], from: &Vector3<f64>) -> f64 {
     high + 0.02 * (high - low)
 }
 
-/// Whether other skin is before a point, and not so near to the viewer that it is left out.
+/// True if other skin is in front of a point, unless it is so near to the viewer that it is left
+/// out.
 fn is_hidden(p: &Point3<f64>, from: &Vector3<f64>, front: f64, rays: &Rays) -> bool {
     rays.first_hit(p, from).is_some_and(|(t, w)| {
         let corners = rays.triangles()[t as usize].map(|v| rays.positions()[v as usize].coords);

@@ -1,4 +1,4 @@
-//! Pictures of a morph: shapes on the way, and both images on the sphere.
+//! Pictures of a morph: intermediate shapes, and both images on the sphere.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -13,21 +13,21 @@ use pliant_render::{
     TextStyle, View, render, to_gif,
 };
 
-/// Width and height of a picture of the film, of the sheet, of a sphere \[px\].
+/// Width and height of a picture of the film, of the sheet, and of a sphere \[px\].
 const FILM: (u32, u32) = (440, 440);
 const SHEET: (u32, u32) = (300, 420);
 const SPHERE: (u32, u32) = (330, 350);
-/// Shapes on the sheet.
+/// Number of shapes on the sheet.
 const SHOWN: usize = 5;
-/// Pictures a second.
+/// Pictures per second.
 const RATE: f64 = 12.0;
-/// Finer surfaces are drawn without their edges, which would cover all.
+/// Surfaces with more triangles are drawn without their edges, which would cover everything.
 const FEW: usize = 6000;
-/// Longest side of a piece of a triangle on the sphere.
+/// Greatest side of a part of a triangle on the sphere.
 const PIECE: f64 = 0.08;
 const EDGE: Rgb = [0.25, 0.25, 0.28];
 const MARK: Rgb = [0.85, 0.1, 0.1];
-/// Powers of ten that the colours of a sphere span.
+/// Range of the colours of a sphere, in powers of ten.
 const DECADES: f64 = 1.0;
 
 /// All pictures, encoded.
@@ -103,7 +103,7 @@ impl Drawn {
             .par_iter()
             .map(|s| paint(s, FILM, Some(&legend)))
             .collect();
-        // There and back.
+        // Forwards and backwards.
         let back = film
             .iter()
             .rev()
@@ -125,7 +125,7 @@ impl Drawn {
     }
 }
 
-/// A shape about the middle of its box: bodies that lie far apart are seen as large as others.
+/// A shape relative to the centre of its box: distant bodies appear as large as others.
 fn centred(shape: &Shape) -> Shape {
     let middle = Aabb::of_points(&shape.places).center();
     Shape {
@@ -138,11 +138,11 @@ fn centred(shape: &Shape) -> Shape {
     }
 }
 
-/// Sees all shapes, the longest axis upright, from where they are broad.
+/// A camera for all shapes, with the longest axis upright, at the broad side.
 fn camera(morph: &Morph<'_>, shapes: &[Shape], canvas: Canvas) -> Camera {
     let frame = axes(morph.meshes[0]);
     let [long, across] = [0, 2].map(|k| frame.column(k).into_owned());
-    // Not head down, nor from below.
+    // Neither upside down nor from below.
     let up = if long.y < 0.0 { -long } else { long };
     let from = if across.z < 0.0 { -across } else { across };
     let all = shapes.iter().flat_map(|s| s.places.iter().copied());
@@ -225,14 +225,14 @@ fn outlines(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vec<Point3<f6
         .collect()
 }
 
-/// Pieces into which a side is cut so that it looks round.
+/// Number of parts of a side so that it looks round.
 fn pieces(sides: &[f64]) -> usize {
     (max_or_nan(sides.iter().copied()) / PIECE)
         .ceil()
         .clamp(1.0, 32.0) as usize
 }
 
-/// The way along the sphere.
+/// The arc on the sphere.
 fn arc(a: &Point3<f64>, b: &Point3<f64>) -> Vec<Point3<f64>> {
     let count = pieces(&[(b - a).norm()]);
     (0..=count)
@@ -240,7 +240,7 @@ fn arc(a: &Point3<f64>, b: &Point3<f64>) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// Spherical triangles, cut into small ones where they are large.
+/// Spherical triangles, divided into small ones.
 fn rounded(
     points: &[Point3<f64>],
     triangles: &[[u32; 3]],
@@ -279,7 +279,7 @@ fn rounded(
     (x, cut, fields)
 }
 
-/// A small circle about a place of the unit sphere.
+/// A small circle around a point of the unit sphere.
 fn ring(about: &Point3<f64>) -> Vec<Point3<f64>> {
     let aside = Vector3::ith(about.coords.iamin(), 1.0);
     let u = about.coords.cross(&aside).normalize();

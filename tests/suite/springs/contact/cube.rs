@@ -1,4 +1,4 @@
-//! The source's cube (its 7.2): pressed from above by a sphere, it keeps its volume.
+//! The source's cube (its 7.2): a sphere presses it from above, and its volume is constant.
 
 use nalgebra::Vector3;
 use pliant::contact::{Obstacle, Surface};
@@ -12,19 +12,19 @@ use super::{moved, sphere};
 /// Side of the cube and radius of the sphere [m].
 const SIDE: f64 = 0.02;
 const RADIUS: f64 = 0.01;
-/// How far and how fast the sphere presses [m], [m/s].
+/// Distance and speed of the sphere [m], [m/s].
 const PRESS: f64 = 0.004;
 const SPEED: f64 = 0.1;
-/// Steps of half the stability limit that are allowed.
+/// Greatest number of steps of half the stability limit.
 const STEPS: usize = 4000;
 
-/// What a run left.
+/// Result of a run.
 struct Pressed {
     /// Greatest relative change of volume in any step.
     volume: f64,
-    /// How far a vertex of either is in the other at the end, and the deepest of all steps [m].
+    /// Penetration of each body into the other at the end, and the greatest of all steps [m].
     inside: [f64; 2],
-    /// How far the middle of the top went down, and the sides out [m].
+    /// Displacement of the centre of the top downwards, and of the sides outwards [m].
     down: f64,
     out: f64,
     steps: usize,
@@ -115,7 +115,8 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
     );
     // The source's own lost 0.4 and 0.5 %.
     assert!(found.volume <= 1e-3, "{}", found.volume);
-    // It was really pressed: the middle of the top is where the sphere's lowest point is, and the sides went out.
+    // The cube was really compressed: the centre of the top is at the sphere's lowest point, and
+    // the sides moved outwards.
     assert!((found.down - PRESS).abs() <= 0.05 * PRESS, "{}", found.down);
     assert!(found.out >= 2e-4, "{}", found.out);
     assert!(
@@ -123,7 +124,7 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
         "{:?}",
         found.inside
     );
-    // Control: with a thousandth of the modulus the volume is not kept.
+    // Control: with a thousandth of the modulus the volume changes.
     let soft = press(1e3, STEPS / 8);
     assert!(soft.volume > 5e-3, "{}", soft.volume);
 }

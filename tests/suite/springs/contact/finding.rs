@@ -1,4 +1,5 @@
-//! Hierarchies, voxels and crossings against brute force, and the counter-examples of errata B07 and B08.
+//! Hierarchies, voxels and crossings compared with brute force, and the counter-examples of errata
+//! B07 and B08.
 
 use std::collections::BTreeSet;
 
@@ -32,13 +33,13 @@ fn b11_one_layer_of_the_coarse_sheet_has_the_published_nodes() {
     assert_eq!(found.levels()[6..9], [64, 128, 256]);
     assert_eq!(found.levels().iter().sum::<usize>(), 7503);
     assert_eq!(tree(&region(128)).len(), 2 * 14_756 - 1);
-    // Control: with two layers, which the table counts, the numbers are others.
+    // Control: with two layers, as counted in the table, the numbers differ.
     let mut two = coarse.clone();
     two.triangles.extend(coarse.triangles.iter());
     assert_ne!(tree(&two).len(), 7503);
 }
 
-/// Each triangle once, each box the least about its content.
+/// Checks that each triangle occurs once and each box is the least around its content.
 fn check_tree(found: &Hierarchy, mesh: &TriangleMesh) -> Result<(), String> {
     let mut seen = vec![0; mesh.triangles.len()];
     for node in 0..found.len() as u32 {
@@ -79,7 +80,8 @@ fn pairs(a: &Hierarchy, b: &Hierarchy) -> Vec<[u32; 2]> {
     found
 }
 
-/// The recursion as the source prints it: leaf against leaf, else all children with all children.
+/// The recursion as printed in the source: leaf against leaf, otherwise all children with all
+/// children.
 fn printed(a: &Hierarchy, i: u32, b: &Hierarchy, j: u32) -> usize {
     let ((n, of_n), (m, of_m)) = (a.node(i), b.node(j));
     match (of_n, of_m) {
@@ -141,10 +143,11 @@ fn trees_of_triangles_that_differ_by_powers_stay_shallow() {
             .extend([[at, 0.0, 0.0], [at + size, 0.0, 0.0], [at, size, 0.0]].map(Point3::from));
         mesh.triangles.push([3 * k, 3 * k + 1, 3 * k + 2]);
     }
-    // Halves of the area alone would split off the last triangle 63 times.
+    // Splits by half of the area alone would separate the last triangle 63 times.
     let levels = tree(&mesh).levels();
     assert!(levels.len() <= 32, "{levels:?}");
-    // Half of the area, where shares allow it: of 3 small triangles and one of three times their area, the one.
+    // Half of the area, where the least shares allow it: of 3 small triangles and one of three
+    // times their area, the one.
     let four = TriangleMesh {
         vertices: [
             [0.0, 0.0],
@@ -176,7 +179,7 @@ fn trees_of_triangles_that_differ_by_powers_stay_shallow() {
         Kind::Leaf(3),
         "a median of counts has two on each side"
     );
-    // Nothing, one, and triangles without any area.
+    // No triangle, one, and triangles without area.
     assert!(Hierarchy::new(&[], &[]).is_empty() && Hierarchy::new(&[], &[]).bounds().is_empty());
     assert!(
         pairs(&Hierarchy::default(), &found).is_empty()
@@ -190,7 +193,7 @@ fn trees_of_triangles_that_differ_by_powers_stay_shallow() {
     assert_eq!(pairs(&tree(&flat), &tree(&flat)).len(), 81);
 }
 
-/// Thin triangles over stretches of the x axis.
+/// Thin triangles over intervals of the x axis.
 fn stretches(of: impl IntoIterator<Item = [f64; 2]>) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     for [low, high] in of {
@@ -234,7 +237,7 @@ fn at(points: &[Point3<f64>], weights: &[f64]) -> Point3<f64> {
     )
 }
 
-/// Both sides name one point, with weights that are shares.
+/// Both sides give one point, with weights that are shares.
 fn is_one_point(edge: [Point3<f64>; 2], triangle: [Point3<f64>; 3]) -> Option<f64> {
     let found = crossing(edge, triangle)?;
     for weights in [&found.edge[..], &found.triangle[..]] {
@@ -268,11 +271,11 @@ proptest! {
         let meet = e[0] + (e[1] - e[0]) * (d / (d - f)) - t[0];
         let s = m.try_inverse().expect("a triangle") * meet;
         let inside = [s.x, s.y, 1.0 - s.x - s.y, -d * f / (d * d + f * f)];
-        // What rounding decides is left to the exact predicates.
+        // Cases within rounding are left to the exact predicates.
         prop_assume!(inside.iter().all(|v| v.abs() > 1e-9));
         let found = is_one_point(e, t);
         prop_assert_eq!(found.is_some(), inside.iter().all(|v| *v > 0.0));
-        // Where they are nearly parallel rounding moves the point along the edge.
+        // Where they are nearly parallel, rounding moves the point along the edge.
         let slope = (d - f).abs() / (n.norm() * (e[1] - e[0]).norm());
         prop_assert!(found.is_none_or(|gap| gap * slope <= 1e-12 * size), "{:?}", found);
     }
@@ -321,7 +324,7 @@ fn coplanar_edges_and_touching_ones_are_not_missed() {
             assert!(found.is_none_or(|gap| gap <= 1e-15), "{name}: {found:?}");
         }
     }
-    // The middle of what is shared.
+    // The midpoint of the common part.
     let through = crossing([p(-1.0, 0.25, 0.0), p(2.0, 0.25, 0.0)], unit()).expect("a crossing");
     assert!(
         (through.edge[1] - 1.375 / 3.0).abs() <= 1e-15,
@@ -329,7 +332,7 @@ fn coplanar_edges_and_touching_ones_are_not_missed() {
     );
     let flat = [p(0.0, 0.0, 0.0), p(1.0, 1.0, 1.0), p(2.0, 2.0, 2.0)];
     assert_eq!(crossing([p(0.0, 1.0, 0.0), p(2.0, 1.0, 2.0)], flat), None);
-    // Sizes at which products of three coordinates vanish or overflow.
+    // Magnitudes at which products of three coordinates underflow or overflow.
     for size in [1e-200, 1e100] {
         let found = is_one_point(
             [p(0.2, 0.2, -size), p(0.2, 0.2, size)].map(|q| p(q.x * size, q.y * size, q.z)),
@@ -339,7 +342,8 @@ fn coplanar_edges_and_touching_ones_are_not_missed() {
     }
 }
 
-/// How far apart the points are that heights and volumes alone name, each accurate for itself: the control of the next test.
+/// Distance of the points from heights and from volumes alone, each accurate by itself: the control
+/// of the next test.
 fn gap_by_volumes([p, q]: [Point3<f64>; 2], [a, b, c]: [Point3<f64>; 3]) -> f64 {
     let at = |v: Point3<f64>| robust::Coord3D {
         x: v.x,
@@ -368,7 +372,7 @@ fn edges_almost_in_the_plane_name_one_point_on_both_sides() {
             Point3::from((turn * Vector3::new(x, y, z) + off) * size)
         };
         let off = draw.direction() * draw.between(0.0, 10.0);
-        // Heights over the plane down to rounding; every other edge along a side as well.
+        // Heights over the plane down to rounding; every second edge also along a side.
         let mut height = || draw.decades(-18.0, 0.0);
         let (low, high) = (-height(), height());
         let beside = if case % 2 == 0 {
@@ -394,7 +398,7 @@ fn edges_almost_in_the_plane_name_one_point_on_both_sides() {
         if let Some(gap) = is_one_point(edge, triangle) {
             seen += 1;
             worst = worst.max(gap_by_volumes(edge, triangle) / size);
-            // Coordinates have a size of 12 at most, and rounding of a few of them is left.
+            // Coordinates have a magnitude of 12 at most, with a few roundings.
             assert!(
                 gap <= 1e-13 * size,
                 "seed {} case {case}: {:e} of {size}",
@@ -434,11 +438,11 @@ fn what_is_no_number_crosses_nothing() {
             }
         }
     }
-    // An edge without length, and one that two coincident points make.
+    // An edge without length, and one between two coincident points.
     assert_eq!(crossing([p(0.2, 0.2, 1.0); 2], unit()), None);
     let on = crossing([p(0.2, 0.2, 0.0); 2], unit()).expect("it lies on it");
     assert_eq!(on.edge, [0.5; 2]);
-    // Trees and voxels keep what is nowhere, and end.
+    // Trees and voxels accept points that are not finite, and terminate.
     let mut draw = Draw::new(5);
     let (mut a, b) = (soup(&mut draw, 40), soup(&mut draw, 40));
     let (sound, before) = (tree(&a), pairs(&tree(&a), &tree(&b)));
@@ -469,7 +473,7 @@ fn what_is_no_number_crosses_nothing() {
     ));
 }
 
-/// Triangles of a soup share no edge, so that of an edge is known.
+/// Triangles of a soup share no edge, so the triangle of an edge is known.
 fn triangles_of(f: &Found) -> [u32; 2] {
     if f.which == Edge::OfFirst {
         [f.edge[0] / 3, f.triangle]
@@ -511,7 +515,7 @@ fn voxels_find_the_crossings_of_hierarchies() {
     let expected: BTreeSet<_> = found(&fine, &coarse).iter().map(key).collect();
     assert!(expected.len() > 60 && keys.len() == all.len());
     assert_eq!(keys, expected);
-    // Control: half of the cubes do not have all.
+    // Control: half of the cubes miss some pairs.
     let some = voxels
         .pairs(&tree, &coarse.vertices, &coarse.triangles)
         .into_iter()
@@ -553,7 +557,7 @@ fn b07_a_tip_that_pierces_a_large_triangle_is_found_either_way() {
     for (a, b, tips) in [(&tip, &big, Edge::OfFirst), (&big, &tip, Edge::OfSecond)] {
         let all = found(a, b);
         assert_eq!(all.len(), 2);
-        // Control: of the edges of the big triangle alone there is none.
+        // Control: the edges of the big triangle alone have none.
         assert!(all.iter().all(|f| f.which == tips));
     }
 }
@@ -589,7 +593,7 @@ fn b12_each_edge_meets_each_triangle_once() {
     }
     assert!(expected.len() > 40, "{}", expected.len());
     assert_eq!(keys, expected);
-    // Control: by the sides of triangles each inner edge would be looked at twice.
+    // Control: by the sides of triangles each inner edge would be tested twice.
     assert_eq!(by_sides, 2 * expected.len());
 }
 

@@ -1,4 +1,4 @@
-//! Impulses against the laws of collision, and the counter-examples of errata B06 and B12.
+//! Impulses compared with the laws of collision, and the counter-examples of errata B06 and B12.
 
 use nalgebra::Vector3;
 use pliant::springs::contact::impulse::{Part, Response, ResponseError, impulse};
@@ -35,7 +35,8 @@ fn b06_bodies_part_with_the_restitution_s_share_of_their_approach() {
             (energy(after) - left).abs() <= 1e-15 && energy(after) <= energy(v) + 1e-15,
             "{after:?}"
         );
-        // Control: the printed signs drive them into each other, with the same momentum and more energy.
+        // Control: the printed signs drive them into each other, with the same momentum and more
+        // energy.
         let printed = [one.after(&j)[0].x, two.after(&-j)[0].x];
         assert!(
             (printed[1] - printed[0] - printed_left).abs() <= 1e-14,
@@ -43,7 +44,8 @@ fn b06_bodies_part_with_the_restitution_s_share_of_their_approach() {
         );
         assert!((m[0] * printed[0] + m[1] * printed[1] + 1.0).abs() <= 1e-14);
         assert!((energy(printed) - printed_energy).abs() <= 1e-14 && energy(printed) > 3.5);
-        // Only where they approach: not the other way about, where the printed test is left out and they would be drawn in.
+        // Only for an approach: the printed form lacks this test and would attract separating
+        // bodies.
         assert_eq!(impulse(&-Vector3::x(), &one, &two, response), None);
         assert_eq!(
             impulse(
@@ -109,7 +111,7 @@ fn b12_an_edge_against_a_triangle_keeps_momentum() {
     );
     assert!((apart(&after.0, &after.1) - 0.65).abs() <= 1e-15);
     assert!((momentum(&edge, &a) + momentum(&triangle, &b) - before).norm() <= 1e-15);
-    // Control: the same impulse for all five, by their mean masses, as the source says.
+    // Control: the same impulse for all five points by their mean masses, as in the source.
     let j = 1.5 * 1.3 / (1.0 / 1.5 + 1.0 / 2.0);
     let same = |part: &[f64], sign: f64| part.iter().map(|w| sign * j * w).collect::<Vec<_>>();
     let (by_a, by_b) = (
@@ -178,7 +180,7 @@ fn responses_out_of_range_are_refused() {
         assert_eq!(Response::new(0.5, mu), Err(ResponseError::Friction(mu)));
     }
     assert!(Response::new(f64::NAN, 0.0).is_err() && Response::new(0.0, f64::NAN).is_err());
-    // What is not finite gives no impulse instead of spoiling everything.
+    // Velocities that are not finite give no impulse.
     let mad = Part {
         velocity: [Vector3::repeat(f64::INFINITY)],
         ..on_line(1.0, 1.0)
@@ -189,7 +191,7 @@ fn responses_out_of_range_are_refused() {
     );
 }
 
-/// An edge and a triangle that share a point, with all that a collision depends on.
+/// An edge and a triangle with a common point, and all parameters of the collision.
 #[derive(Debug)]
 struct Collision {
     edge: Part<2>,
@@ -204,7 +206,7 @@ fn draw(seed: u64, e: f64, mu: f64, held: u8) -> Collision {
     let mut draw = Draw::new(seed);
     let size = draw.decades(-2.0, 2.0);
     let weights = |draw: &mut Draw, n: usize| {
-        // Some exactly 0, as of a vertex.
+        // Some are exactly 0, as for a vertex.
         let all: Vec<f64> = (0..n)
             .map(|_| (draw.between(-0.3, 1.0)).max(0.0) + 1e-3)
             .collect();
@@ -232,7 +234,7 @@ fn draw(seed: u64, e: f64, mu: f64, held: u8) -> Collision {
     let triangle_velocity = inverse_mass.1.map(&mut velocity);
     let ends = [vector(1.0), vector(1.0)];
     let mut corners = [vector(1.0), vector(1.0), vector(1.0)];
-    // The third is put where the point is shared.
+    // The third corner places the common point.
     let shared = ends[0] * a[0] + ends[1] * a[1];
     corners[2] = (shared - corners[0] * b[0] - corners[1] * b[1]) / b[2];
     Collision {
@@ -272,7 +274,7 @@ fn spin<const N: usize>(
         .sum()
 }
 
-/// What is wrong with the velocities after a collision; nothing if all laws hold.
+/// The violated laws after a collision; empty if all hold.
 fn faults(c: &Collision, a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 3]) -> Vec<&'static str> {
     let mut faults = Vec::new();
     let mut want = |holds: bool, what: &'static str| {
@@ -347,7 +349,7 @@ fn faults(c: &Collision, a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 3]) -> Vec<&'
         (0..3).all(|i| held(&c.triangle.inverse_mass[i], &b[i], &c.triangle.velocity[i])),
         "held",
     );
-    // Sliding goes on the way it went, and no further than friction may act.
+    // Sliding keeps its direction, and friction is within its limit.
     let (before, now) = (before - c.normal * u, now - c.normal * v);
     let mu = c.response.friction();
     let most = mu * (1.0 + c.response.restitution()) * -u;
@@ -370,7 +372,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(1024))]
     #[test]
     fn collisions_obey_the_laws(seed in any::<u64>(), e in prop_oneof![Just(0.0), Just(1.0), 0.0..=1.0f64], mu in prop_oneof![Just(0.0), 0.0..2.0f64], held in 0u8..32) {
-        // Half of them without anything held.
+        // Half of them without fixed points.
         let c = draw(seed, e, mu, if seed % 2 == 0 { 0 } else { held });
         let approach = (c.triangle.at() - c.edge.at()).dot(&c.normal);
         let Some(j) = impulse(&c.normal, &c.edge, &c.triangle, c.response) else {
@@ -381,7 +383,7 @@ proptest! {
         prop_assert!(approach < 0.0);
         let (a, b) = (c.edge.after(&-j), c.triangle.after(&j));
         prop_assert_eq!(faults(&c, &a, &b), Vec::<&str>::new());
-        // Controls: the printed sign, half an impulse, one side left out.
+        // Controls: the printed sign, half an impulse, one side omitted.
         let printed = faults(&c, &c.edge.after(&j), &c.triangle.after(&-j));
         prop_assert!(printed.contains(&"restitution"), "{:?}", printed);
         prop_assert!(!faults(&c, &c.edge.after(&(-0.5 * j)), &c.triangle.after(&(0.5 * j))).is_empty());

@@ -1,4 +1,4 @@
-//! Laws of whole steps of bodies, and bodies that no step can be made of.
+//! Laws of whole steps of bodies, and invalid bodies.
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
@@ -12,7 +12,7 @@ use pliant::testing::Draw;
 use super::bodies::{filled, two_balls};
 use super::{moved, sphere};
 
-/// A surface whose points fly freely: nothing but contact changes their velocities. Masses over a decade.
+/// A surface of free points: only contact changes their velocities. Masses vary over a decade.
 fn loose(mesh: &TriangleMesh, draw: &mut Draw, velocity: Vector3<f64>) -> Body {
     let masses = mesh
         .vertices
@@ -27,7 +27,8 @@ fn loose(mesh: &TriangleMesh, draw: &mut Draw, velocity: Vector3<f64>) -> Body {
     Body::soft(system, &mesh.triangles).expect("a body")
 }
 
-/// What contact may not change: energy [J], momentum, angular momentum; and sizes for rounding.
+/// Quantities that contact conserves: energy [J], momentum, angular momentum; and magnitudes for
+/// rounding.
 struct Kept {
     energy: f64,
     momentum: Vector3<f64>,
@@ -56,7 +57,8 @@ fn kept(all: &Bodies) -> Kept {
     sum
 }
 
-/// Which laws a step broke; friction turns at the depth of a vertex that is inside, so that spin is kept without it alone.
+/// The laws that a step violated. Friction acts at the depth of a penetrating vertex, so only
+/// without friction is angular momentum conserved.
 fn broken(before: &Kept, after: &Kept, e: f64, mu: f64) -> Vec<&'static str> {
     let small = 1e-13 * before.size;
     let (taken, rounding) = (before.energy - after.energy, 1e-13 * before.energy);
@@ -140,7 +142,7 @@ fn broken_laws_are_noticed() {
     let mut all = two_balls(0.0);
     let before = kept(&all);
     assert_eq!(broken(&before, &kept(&all), 1.0, 0.0), Vec::<&str>::new());
-    // A little faster, slower than at first, and turned about the middle.
+    // Slightly faster, slower than at the start, and rotated about the centre.
     all.bodies[0]
         .system
         .velocity
@@ -174,7 +176,7 @@ fn broken_laws_are_noticed() {
 
 #[test]
 fn many_vertices_in_one_triangle_move_it_as_far_as_the_deepest() {
-    // A fine ball that dips into two large triangles.
+    // A fine ball that penetrates two large triangles.
     let mut draw = Draw::new(3);
     let block = loose(
         &shapes::box_surface([0.1; 3], 0.1),
@@ -208,13 +210,13 @@ fn many_vertices_in_one_triangle_move_it_as_far_as_the_deepest() {
             .map(|(x, from)| (x - from).norm())
             .fold(0.0, f64::max)
     };
-    // A corner goes further than the point between corners that is moved: by b/(sum b^2), which is below 1.4.
+    // A corner moves farther than the point between corners: by b/(sum b^2), which is below 1.4.
     let far = farthest(&all);
     assert!(
         far > 0.3 * share * met.depth && far <= 2.0 * share * met.depth,
         "{far}"
     );
-    // Control: if each vertex moved it for itself, it would go further by their number.
+    // Control: if each vertex moved it separately, it would move farther by their number.
     let each: f64 = ball
         .vertices
         .iter()
@@ -273,7 +275,7 @@ fn what_is_put_out_keeps_the_centre_of_mass() {
         "{first:?} {last:?}"
     );
     assert!((moment(&all) - before).norm() <= 1e-13 * total * 0.03);
-    // Control: it would be noticed if one side alone were moved.
+    // Control: a motion of one side alone would be detected.
     all.bodies[0].system.position[0].x += 1e-9;
     assert!((moment(&all) - before).norm() > 1e-13 * total * 0.03);
 }
@@ -281,7 +283,7 @@ fn what_is_put_out_keeps_the_centre_of_mass() {
 #[test]
 fn large_bodies_leave_the_same_bits_for_any_number_of_threads() {
     let mesh = shapes::icosphere(0.01, 6);
-    // Below this forces and velocities are computed by one thread, and nothing would be tested.
+    // Below this number one thread computes forces and velocities, and nothing would be tested.
     assert!(mesh.vertices.len() >= 16_384, "{}", mesh.vertices.len());
     let run = |threads: usize, factor: f64| {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -317,7 +319,7 @@ fn large_bodies_leave_the_same_bits_for_any_number_of_threads() {
     };
     let one = run(1, 1.0);
     assert!(one == run(2, 1.0) && one == run(8, 1.0));
-    // Control: a last digit shows.
+    // Control: the last digit matters.
     assert!(one != run(1, 1.0 + f64::EPSILON));
 }
 
@@ -356,7 +358,7 @@ fn what_is_nowhere_is_told_and_does_not_spread() {
     };
     let ball = Body::rigid(&shapes::icosphere(0.01, 1), drive).expect("a body");
     assert!(Bodies::new(vec![ball]).step(1e-5).is_err());
-    // A share that is no number puts nothing out.
+    // A NaN share removes no penetration.
     let mut both = two_balls(f64::NAN);
     (0..40).for_each(|_| assert!(both.step(1e-4).is_ok()));
 }
@@ -379,7 +381,7 @@ fn sizes_at_which_products_overflow_or_vanish_do_not_panic() {
             .velocity
             .iter_mut()
             .for_each(|v| v.x = size);
-        // A step or an error that tells the point.
+        // Either a step, or an error that names the point.
         let _ = all.step(0.01);
     }
 }

@@ -1,4 +1,5 @@
-//! Contact of spring systems: what finds it against brute force, what answers it against laws of mechanics, bodies together.
+//! Contact of spring systems: detection compared with brute force, response compared with the laws
+//! of mechanics, bodies together.
 
 mod bodies;
 mod cube;
@@ -10,7 +11,7 @@ use nalgebra::{Point3, Vector3};
 use pliant::mesh::TriangleMesh;
 use pliant::testing::Draw;
 
-/// Poles, then rings of vertices from the top, as by latitude and longitude; the source's spheres.
+/// Poles, then rings of vertices from the top, by latitude and longitude; the source's spheres.
 fn sphere(around: u32, rings: u32, radius: f64) -> TriangleMesh {
     let mut vertices = vec![
         Point3::new(0.0, 0.0, radius),
@@ -64,7 +65,7 @@ fn region(n: u32) -> TriangleMesh {
     }
 }
 
-/// Triangles of three points each, of all sizes.
+/// Separate triangles of all sizes.
 fn soup(draw: &mut Draw, count: usize) -> TriangleMesh {
     let mut vertices = Vec::new();
     for _ in 0..count {

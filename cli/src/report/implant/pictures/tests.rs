@@ -3,7 +3,7 @@ use pliant::mesh::shapes::icosphere;
 use pliant::skin::plan::Place;
 use pliant::skin::{ImplantSpec, insert};
 
-/// A sphere of 10 cm, and one of `around` about it if that is not 0 [m].
+/// A sphere of 10 cm, and one of radius `around` around it if that is not 0 [m].
 fn ball(around: f64) -> TriangleMesh {
     let mut skin = icosphere(0.1, 3);
     if around > 0.0 {
@@ -48,7 +48,7 @@ fn what_hides_the_implant_is_left_out_and_nothing_else_is() {
         let groups = insertion.groups();
         let stage = Stage::new(&insertion, &shown, &groups[0]);
         assert_eq!(stage.front.is_finite(), hidden);
-        // The check sees the sphere around: it hides all of the region from everywhere.
+        // Control: the sphere around hides the whole region from everywhere.
         let rays = Rays::new(&shown.skin);
         let above = Point3::from(groups[0].axes[0] * 0.15);
         assert_eq!(
@@ -125,7 +125,7 @@ fn colours_reach_the_greatest_stretch_and_the_limit_is_marked() {
         );
         assert_eq!(legend.mark.map(|(at, _)| at), Some(1.05));
     }
-    // What is beyond the limit is outlined, and said to be.
+    // Skin beyond the limit has an outline, and the text mentions it.
     let shown = insertion.shown();
     assert!(shown.stretch.iter().any(|s| *s > 1.05));
     let groups = insertion.groups();
@@ -154,7 +154,7 @@ fn the_layers_with_their_wall_are_closed() {
     solid.triangles.extend(&ready.layers.triangles);
     let topology = Topology::new(&solid);
     assert!(topology.is_closed() && topology.is_oriented() && solid.volume() > 0.0);
-    // A bone that is wound inward is turned; an open one is told.
+    // A bone with inward triangles is reversed; an open one is reported.
     let mut bone = icosphere(1.0, 1);
     bone.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     bone.triangles[3].swap(0, 1);
