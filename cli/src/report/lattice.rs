@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 use serde_json::json;
 
 use super::frames::{Cast, Snapshot};
-use super::output::Verdict;
+use super::output::{Verdict, own_object};
 use super::run::{Account, Run};
 use super::skin::actor;
 use super::{LinePlot, Table};
@@ -138,7 +138,6 @@ impl Run for LatticeRun {
         );
         let farthest = greatest(self.frames.iter().map(|f| f.distance));
         let own = json!({
-            "lattice": {
                 "points": lattice.shape().count(),
                 "springs": lattice.spring_count(),
                 "neighbours": if self.scene.neighbours == Neighbours::Six { 6 } else { 26 },
@@ -151,7 +150,6 @@ impl Run for LatticeRun {
                 "distance_from_start_end_m": distance(self),
                 "at_rest": self.at_rest(),
                 "time_s": time_s,
-            },
         });
         let mut table = Table::new("Lattice", ["what", "value"]);
         for (what, value) in [
@@ -192,7 +190,7 @@ impl Run for LatticeRun {
                 ("distance_from_start_max_m", farthest),
                 ("distance_from_start_end_m", distance(self)),
             ],
-            summary: own.as_object().cloned().unwrap_or_default(),
+            summary: own_object("lattice", own),
             verdicts: verdicts(self),
             tables: vec![table],
             plots: vec![

@@ -4,7 +4,7 @@ use std::fs;
 
 use super::{Scratch, json, measures, names_in, run, shown, text};
 
-const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/biceps.toml");
+const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/biceps.toml");
 
 #[test]
 fn a_length_and_an_animation() {

@@ -9,7 +9,7 @@ use super::{Scratch, json, measures, names_in, pliant, referenced, run, shown, t
 
 const FILE: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
-    "/examples/lattice-5x5x5.springs"
+    "/../examples/lattice-5x5x5.springs"
 );
 
 #[test]
