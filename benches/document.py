@@ -221,7 +221,7 @@ def morphing():
             if done.returncode != 0:
                 sys.exit(f"{what} of {a} and {b}: exit code {done.returncode}")
             measures = out / "measures.csv"
-            return json.loads(done.stdout), measures.read_text().splitlines() if measures.exists() else []
+            return json.loads(done.stdout)[what], measures.read_text().splitlines() if measures.exists() else []
 
     called = lambda what, a, b, more: "`" + " ".join(["pliant", what, a.split("/")[1], b.split("/")[1], *more]) + "`"
     for a, b, more in MORPHS:
@@ -229,18 +229,18 @@ def morphing():
         volume = {float(t): float(v) for t, v, _ in (line.split(",") for line in measures[1:])}
         # That of a body whose size is the mean of both.
         like = ((volume[0.0] ** (1 / 3) + volume[1.0] ** (1 / 3)) / 2) ** 3
-        time_s, ends = summary["time_s"], max(summary[k]["end_error"] for k in "ab")
+        times, ends = summary["times"], max(summary[k]["end_error"] for k in "ab")
         found["rows"].setdefault("morphing.found", []).append(
             f"| {called('morph', a, b, more)} | {summary['a']['vertices']:,} and {summary['b']['vertices']:,} "
             f"| {summary['vertices']:,} | {summary['flipped_a'] + summary['flipped_b']} | {ends:.0e} | {volume[0.5] / like:.3f} "
-            f"| {time_s['map_a'] + time_s['map_b']:.2f} | {time_s['align']:.2f} | {time_s['merge']:.2f} | {time_s['blend']:.2f} |"
+            f"| {times['map_a_s'] + times['map_b_s']:.2f} | {times['align_s']:.2f} | {times['merge_s']:.2f} | {times['blend_s']:.2f} |"
         )
     for a, b, more in REGISTRATIONS:
         summary, _ = run("register", a, b, more)
-        time_s = summary["time_s"]
+        times = summary["times"]
         found["rows"].setdefault("morphing.registered", []).append(
             f"| {called('register', a, b, more)} | {summary['inlier_share']:.0%} | {summary['residual']['rms'] / summary['size']:.2%} "
-            f"| {time_s['start']:.2f} | {time_s['icp']:.2f} | {time_s['bend']:.2f} |".replace("%", " %")
+            f"| {times['start_s']:.2f} | {times['icp_s']:.2f} | {times['bend_s']:.2f} |".replace("%", " %")
         )
     return found
 

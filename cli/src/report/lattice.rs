@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::output::Verdict;
+use super::output::{Verdict, own_object};
 use super::run::Account;
 use super::{LinePlot, Table};
 use pliant::format::number;
@@ -59,7 +59,6 @@ pub fn account(run: &LatticeRun) -> Account {
     );
     let farthest = max_or_nan(run.frames.iter().map(|f| f.distance));
     let own = json!({
-        "lattice": {
             "points": lattice.shape().count(),
             "springs": lattice.spring_count(),
             "neighbours": if run.scene.neighbours == Neighbours::Six { 6 } else { 26 },
@@ -72,7 +71,6 @@ pub fn account(run: &LatticeRun) -> Account {
             "distance_from_start_end_m": run.distance(),
             "at_rest": run.at_rest(),
             "time_s": time_s,
-        },
     });
     let mut table = Table::new("Lattice", ["what", "value"]);
     for (what, value) in [
@@ -108,7 +106,7 @@ pub fn account(run: &LatticeRun) -> Account {
             .collect::<Vec<_>>()
     };
     Account {
-        summary: own.as_object().cloned().unwrap_or_default(),
+        summary: own_object("lattice", own),
         verdicts: verdicts(run),
         tables: vec![table],
         plots: vec![

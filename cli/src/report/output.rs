@@ -176,7 +176,7 @@ pub struct DataFile<'a> {
     /// Its name in the folder of the results.
     pub file: &'static str,
     /// Names of the columns.
-    pub columns: Vec<&'static str>,
+    pub columns: Vec<String>,
     /// A cell for each column.
     pub rows: Box<dyn Iterator<Item = Vec<String>> + 'a>,
 }
@@ -185,12 +185,12 @@ impl<'a> DataFile<'a> {
     /// A file of these columns and rows.
     pub fn new(
         file: &'static str,
-        columns: impl IntoIterator<Item = &'static str>,
+        columns: impl IntoIterator<Item = impl Into<String>>,
         rows: impl IntoIterator<Item = Vec<String>, IntoIter: 'a>,
     ) -> Self {
         Self {
             file,
-            columns: columns.into_iter().collect(),
+            columns: columns.into_iter().map(Into::into).collect(),
             rows: Box::new(rows.into_iter()),
         }
     }
@@ -381,6 +381,15 @@ impl RunOutput<'_> {
 pub fn measures(of: &impl Serialize) -> Value {
     // Structures of texts, numbers and lists with text keys always have a JSON form.
     serde_json::to_value(of).unwrap_or_default()
+}
+
+/// The measures of a kind of scene under its name, beside format and kind.
+pub fn own_object(kind: &str, measures: Value) -> Map<String, Value> {
+    let mut all = Map::new();
+    all.insert("format".to_owned(), json!(FORMAT));
+    all.insert("kind".to_owned(), json!(kind));
+    all.insert(kind.to_owned(), measures);
+    all
 }
 
 /// A value as text, as it stands in a file.

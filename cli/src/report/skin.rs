@@ -4,7 +4,7 @@ use nalgebra::Isometry3;
 use serde_json::{Map, Value, json};
 
 use super::implant::{Insertion, joined, json_of};
-use super::output::Verdict;
+use super::output::{Verdict, own_object};
 use super::record::quoted;
 use super::run::Account;
 use super::{LinePlot, Table};
@@ -108,7 +108,7 @@ fn own_summary(run: &SkinRun) -> Map<String, Value> {
     let mut all = joined(
         json_of(&run.areas_at(run.frame())),
         json!({
-            "skin": run.scene.skin.name,
+            "name": run.scene.skin.name,
             "stretch_limit": run.scene.skin.stretch_limit,
             "sources": {"retracted": RETRACTED_SOURCE, "grown": GROWN_SOURCE},
             "implants": implants,
@@ -120,7 +120,7 @@ fn own_summary(run: &SkinRun) -> Map<String, Value> {
         let part = json_of_part(part).swap_remove(0).1;
         all = joined(all, json!({"ball": joined(part, ball)}));
     }
-    all.as_object().cloned().unwrap_or_default()
+    own_object("skin", all)
 }
 
 fn csv(run: &SkinRun) -> String {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::output::Verdict;
+use super::output::{FORMAT, Verdict};
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
 use pliant::mesh::measures::max_or_nan;
@@ -22,6 +22,10 @@ const RETURN_STRETCH: f64 = 0.05;
 /// The result of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
+    /// Version of the form, [`FORMAT`].
+    pub format: u32,
+    /// The kind of scene, `muscles`.
+    pub kind: &'static str,
     /// Name of the scene.
     pub scene: String,
     /// Number of frames computed after the start.
@@ -194,6 +198,8 @@ impl Summary {
             verdicts.extend(verdicts_of(simulation, m, summary));
         }
         Self {
+            format: FORMAT,
+            kind: "muscles",
             scene: scene.name.clone(),
             frames: simulation.frame(),
             frames_wanted: scene.frames,

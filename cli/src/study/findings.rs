@@ -9,7 +9,7 @@ use super::combinations::{Combination, Combinations, Role};
 use super::outcome::{Outcome, Positions};
 use super::sheet;
 use crate::report::folder::{Folder, FolderError};
-use crate::report::record::quoted;
+use crate::report::output::{DataFile, json_text};
 use crate::report::{Report, Table};
 use pliant::accuracy::Distance;
 use pliant::format::number;
@@ -125,14 +125,6 @@ fn cell(value: f64) -> String {
         format!("{value:?}")
     } else {
         String::new()
-    }
-}
-
-fn finite(value: f64) -> Value {
-    if value.is_finite() {
-        json!(value)
-    } else {
-        Value::Null
     }
 }
 
@@ -260,13 +252,10 @@ impl<'a> Findings<'a> {
         table
     }
 
-    /// Writes `study.csv`.
-    ///
-    /// # Errors
-    /// Errors of the writer.
-    pub fn write_csv(&self, w: &mut impl Write) -> io::Result<()> {
+    /// `study.csv`: a row for each run.
+    fn data(&self) -> DataFile<'_> {
         let mut heads = vec!["label".to_owned(), "run".to_owned()];
-        heads.extend(self.study.varied.iter().map(|(key, _)| quoted(key)));
+        heads.extend(self.study.varied.iter().map(|(key, _)| key.clone()));
         heads.extend(["status", "converged", "frames", "frames_not_converged"].map(str::to_owned));
         heads.extend(self.measures().map(|(name, ..)| (*name).to_owned()));
         if self.has_errors() {
@@ -277,32 +266,31 @@ impl<'a> Findings<'a> {
                     .flat_map(|f| [format!("rms_error_m_{f}"), format!("max_error_m_{f}")]),
             );
         }
-        writeln!(w, "{}", heads.join(","))?;
-        for row in &self.rows {
-            let mut cells = vec![quoted(&row.label), row.role.name().to_owned()];
-            cells.extend(
-                row.values
-                    .iter()
-                    .map(|v| quoted(v.as_deref().unwrap_or_default())),
-            );
-            cells.push(row.status().to_owned());
-            match &row.outcome {
-                Some(o) => cells.extend([
-                    (row.status() == "converged").to_string(),
-                    o.frames.to_string(),
-                    o.not_converged.to_string(),
-                ]),
-                None => cells.extend(["", "", ""].map(str::to_owned)),
-            }
-            cells.extend(self.measures().map(|(name, ..)| cell(row.number(name))));
-            if self.has_errors() {
-                let both =
-                    |e: &Option<Distance>| e.map_or([f64::NAN; 2], |e| [e.rms, e.max]).map(cell);
-                cells.extend(row.errors.iter().flat_map(both));
-            }
-            writeln!(w, "{}", cells.join(","))?;
+        DataFile::new(
+            "study.csv",
+            heads,
+            self.rows.iter().map(|row| self.cells(row)),
+        )
+    }
+
+    fn cells(&self, row: &Row) -> Vec<String> {
+        let mut cells = vec![row.label.clone(), row.role.name().to_owned()];
+        cells.extend(row.values.iter().map(|v| v.clone().unwrap_or_default()));
+        cells.push(row.status().to_owned());
+        match &row.outcome {
+            Some(o) => cells.extend([
+                (row.status() == "converged").to_string(),
+                o.frames.to_string(),
+                o.not_converged.to_string(),
+            ]),
+            None => cells.extend(["", "", ""].map(str::to_owned)),
         }
-        Ok(())
+        cells.extend(self.measures().map(|(name, ..)| cell(row.number(name))));
+        if self.has_errors() {
+            let both = |e: &Option<Distance>| e.map_or([f64::NAN; 2], |e| [e.rms, e.max]).map(cell);
+            cells.extend(row.errors.iter().flat_map(both));
+        }
+        cells
     }
 
     /// The JSON of `--json`.
@@ -327,7 +315,7 @@ impl<'a> Findings<'a> {
             .zip(&row.values)
             .map(|((key, _), v)| (key.clone(), json!(v)));
         let error = |(frame, e): (&usize, &Option<Distance>)| {
-            let [rms, max] = [e.map(|e| finite(e.rms)), e.map(|e| finite(e.max))];
+            let [rms, max] = [e.map(|e| e.rms), e.map(|e| e.max)];
             json!({"frame": frame, "rms_m": rms, "max_m": max})
         };
         let mut all = json!({
@@ -341,7 +329,7 @@ impl<'a> Findings<'a> {
             "stopped": row.outcome.as_ref().and_then(|o| o.stopped.clone()),
         });
         for (name, ..) in self.measures() {
-            all[name] = finite(row.number(name));
+            all[name] = json!(row.number(name));
         }
         if self.has_errors() {
             all["errors"] = self
@@ -360,7 +348,7 @@ impl<'a> Findings<'a> {
     /// # Errors
     /// A file that cannot be written.
     pub fn write(&self, folder: &Folder) -> Result<Vec<String>, FolderError> {
-        folder.write("study.csv", |w| self.write_csv(w))?;
+        folder.write("study.csv", |w| self.data().write(w))?;
         let mut sheets = Vec::new();
         let mut names = Vec::new();
         let pages = sheet::pages(self.study, &self.rows);
@@ -393,7 +381,7 @@ impl<'a> Findings<'a> {
         }
         let page = self.page(sheets, names.len());
         folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))?;
-        let json = serde_json::to_string_pretty(&self.to_json()).unwrap_or_default();
+        let json = json_text(&self.to_json());
         folder.write("study.json", |w| w.write_all(json.as_bytes()))?;
         Ok(names)
     }

@@ -10,6 +10,7 @@ mod morph;
 mod page;
 mod register;
 mod resume;
+mod schema;
 mod springs;
 mod staged;
 mod study;
@@ -62,8 +63,9 @@ fn json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// The measures of a summary, which stand under the name of its kind.
+/// The measures of a summary, which has the form of the schema; they stand under the name of its kind.
 fn measures(summary: &Value) -> Value {
+    schema::assert_valid(summary);
     summary[summary["kind"].as_str().unwrap_or_default()].clone()
 }
 
@@ -280,6 +282,7 @@ fn check_keys(summary: &Value) {
     for key in ["total_s", "frame_ms_median", "effects_s"] {
         assert!(summary["time"].get(key).is_some(), "{key}");
     }
+    schema::assert_valid(summary);
     assert!(summary["effects"]["run"].is_array());
     for left in summary["effects"]["left_out"].as_array().unwrap() {
         assert!(left["effect"].is_string() && left["why"].is_string());

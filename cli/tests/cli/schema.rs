@@ -5,10 +5,7 @@ use std::fs;
 use super::{Scratch, json, run, shown, text};
 use serde_json::{Value, json as value};
 
-const SCHEMA: &str = concat!(
-    env!("CARGO_MANIFEST_DIR"),
-    "/../docs/summary.schema.json"
-);
+const SCHEMA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/summary.schema.json");
 
 /// Keywords that the validator knows: another one in the schema is an error, not a check that never fails.
 const KNOWN: [&str; 18] = [
@@ -92,7 +89,8 @@ fn check(root: &Value, schema: &Value, value: &Value, at: &str, all: &mut Vec<St
             "const" => value != rule,
             "enum" => !list().any(|known| known == value),
             "required" => {
-                let missing = list().filter(|key| value.get(key.as_str().unwrap_or_default()).is_none());
+                let missing =
+                    list().filter(|key| value.get(key.as_str().unwrap_or_default()).is_none());
                 all.extend(missing.map(|key| format!("{at}: {key} is missing")));
                 false
             }
@@ -131,7 +129,12 @@ fn check_keys(
     all: &mut Vec<String>,
 ) {
     let empty = serde_json::Map::new();
-    let of = |word: &str| schema.get(word).and_then(Value::as_object).unwrap_or(&empty);
+    let of = |word: &str| {
+        schema
+            .get(word)
+            .and_then(Value::as_object)
+            .unwrap_or(&empty)
+    };
     for (key, entry) in value.as_object().unwrap_or(&empty) {
         let at = format!("{at}/{key}");
         let patterns = of("patternProperties").iter();
@@ -143,7 +146,10 @@ fn check_keys(
         for rule in &rules {
             check(root, rule, entry, &at, all);
         }
-        if let Some(rule) = schema.get("additionalProperties").filter(|_| rules.is_empty()) {
+        if let Some(rule) = schema
+            .get("additionalProperties")
+            .filter(|_| rules.is_empty())
+        {
             check(root, rule, entry, &at, all);
         }
         if let Some(rule) = schema.get("propertyNames") {
@@ -166,7 +172,7 @@ pub(super) fn assert_valid(summary: &Value) {
 fn sample() -> Value {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/biceps.toml");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/biceps.toml");
     let done = run(&["biceps", file, "--out", shown(&out), "--json"]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     json(&out.join("summary.json"))
@@ -181,24 +187,35 @@ fn what_departs_from_the_schema_is_found() {
         change(&mut bad);
         faults(&schema, &bad)
     };
-    for (what, change) in [
-        ("another format", &(|s: &mut Value| s["format"] = 0.into()) as &dyn Fn(&mut Value)),
+    let changes: [(&str, &dyn Fn(&mut Value)); 12] = [
+        ("another format", &|s| s["format"] = 0.into()),
         ("a text as time", &|s| s["time_s"] = "1 s".into()),
-        ("no verdicts", &|s| drop(s.as_object_mut().map(|s| s.remove("verdicts")))),
-        ("a verdict with a key too many", &|s| s["verdicts"][0]["kept"] = true.into()),
+        ("no verdicts", &|s| {
+            drop(s.as_object_mut().map(|s| s.remove("verdicts")))
+        }),
+        ("a verdict with a key too many", &|s| {
+            s["verdicts"][0]["kept"] = true.into()
+        }),
         ("a verdict without `where`", &|s| {
             drop(s["verdicts"][0].as_object_mut().map(|v| v.remove("where")))
         }),
-        ("no measures", &|s| drop(s.as_object_mut().map(|s| s.remove("biceps")))),
+        ("no measures", &|s| {
+            drop(s.as_object_mut().map(|s| s.remove("biceps")))
+        }),
         ("measures of another kind", &|s| s["kind"] = "fibres".into()),
         ("an unknown kind", &|s| s["kind"] = "muscle".into()),
-        ("a length as text", &|s| s["biceps"]["length_m"] = "long".into()),
+        ("a length as text", &|s| {
+            s["biceps"]["length_m"] = "long".into()
+        }),
         ("a measure that is gone", &|s| {
             drop(s["biceps"].as_object_mut().map(|m| m.remove("volume_m3")))
         }),
-        ("an angle in radians", &|s| s["biceps"]["joint_angle_rad"] = value!(1.0)),
+        ("an angle in radians", &|s| {
+            s["biceps"]["joint_angle_rad"] = value!(1.0)
+        }),
         ("a key that nobody declared", &|s| s["told"] = value!(1)),
-    ] {
+    ];
+    for (what, change) in changes {
         assert!(!spoilt(change).is_empty(), "{what} was not found");
     }
 }

@@ -5,7 +5,8 @@ use std::fs;
 use serde_json::Value;
 
 use super::{
-    Scratch, json, measures, names_in, pliant, referenced, run, run_into, shown, text, turntable,
+    Scratch, json, measures, names_in, pliant, referenced, run, run_into, schema, shown, text,
+    turntable,
 };
 
 /// The flat implant on a mesh that takes a second.
@@ -33,6 +34,7 @@ fn summary(arguments: &[&str]) -> (Scratch, Value) {
     let printed: Value =
         serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output");
     assert_eq!(printed, json(&out.join("summary.json")));
+    schema::assert_valid(&printed);
     assert_eq!(
         (&printed["interrupted"], &printed["converged"]),
         (&Value::Bool(false), &Value::Bool(true))
@@ -58,7 +60,7 @@ fn summary(arguments: &[&str]) -> (Scratch, Value) {
 fn a_flat_implant_has_areas_frames_and_pictures() {
     let arguments = [&SMALL[..], &["implant.volume=50cc"]].concat();
     let (scratch, found) = summary(&arguments);
-    let implants = found["implants"].as_array().unwrap();
+    let implants = found["skin"]["implants"].as_array().unwrap();
     assert_eq!((implants.len(), found["frames"].as_u64()), (1, Some(1)));
     let of = |path: &str| number(&implants[0], path);
     let gain = (of("/area_deformed_m2") - of("/area_before_m2")) * 1e4;
@@ -111,7 +113,7 @@ fn an_expander_is_filled_step_by_step_over_its_skull() {
         "gif",
     ];
     let (scratch, found) = summary(&arguments);
-    let frames = found["implants"][0]["frames"].as_array().unwrap();
+    let frames = found["skin"]["implants"][0]["frames"].as_array().unwrap();
     let volumes: Vec<f64> = frames
         .iter()
         .map(|f| number(f, "/implant_volume_m3") * 1e6)
@@ -127,7 +129,7 @@ fn an_expander_is_filled_step_by_step_over_its_skull() {
         .map(|f| number(f, "/area_deformed_m2"))
         .collect();
     assert!(
-        number(&found, "/area_before_m2") < areas[0] && areas[0] < areas[1],
+        number(&found, "/skin/area_before_m2") < areas[0] && areas[0] < areas[1],
         "{areas:?}"
     );
     // The skull ends at 84 mm; the shell may sink in by a thousandth of its base of 6 cm.
@@ -165,12 +167,12 @@ fn a_ball_lifts_a_sheet() {
         "skin.edge_length=0.5 mm",
     ];
     let (scratch, found) = summary(&arguments);
-    let of = |path: &str| number(&found, &format!("/ball{path}"));
+    let of = |path: &str| number(&found, &format!("/skin/ball{path}"));
     // A cone from the rim to the ball, and a cap of it, have 1.29 times the area of the rim's circle where that is 3.82 mm
     // wide; the coarse region is wider, and chords are shorter.
     let stretched = of("/area_deformed_m2") / of("/area_before_m2");
     assert!((1.15..1.29).contains(&stretched), "{stretched}");
-    assert!(found["implants"].as_array().unwrap().is_empty());
+    assert!(found["skin"]["implants"].as_array().unwrap().is_empty());
     let names = names_in(&scratch.join("out").join("frames"));
     assert_eq!(
         names.iter().filter(|n| n.starts_with("ball_")).count(),

@@ -83,7 +83,7 @@ impl Told {
     }
 
     fn take(&mut self, summary: &Value) {
-        if let Some(name) = summary["skin"].as_str() {
+        if let Some(name) = summary["skin"]["name"].as_str() {
             self.kind = Kind::Skin(name.to_owned());
         } else if !summary["lattice"].is_null() {
             self.kind = Kind::Lattice;
@@ -273,7 +273,7 @@ mod tests {
             told
         };
         assert_eq!(
-            of(r#"{"skin": "sheet"}"#).kind,
+            of(r#"{"skin": {"name": "sheet"}}"#).kind,
             Kind::Skin("sheet".to_owned())
         );
         assert_eq!(of(r#"{"lattice": {"points": 8}}"#).kind, Kind::Lattice);
