@@ -20,6 +20,7 @@ use super::attachment::Attachment;
 use super::polyline::resample;
 use super::solid::{Closed, Solid};
 use crate::mesh::{TriangleMesh, measures};
+use crate::progress::{Progress, Silent};
 use crate::solvers::sparse::FactorError;
 use cells::Cells;
 use field::{Field, FieldError, Flux};
@@ -113,20 +114,6 @@ pub enum DecompositionError {
     Stopped,
 }
 
-/// How far a decomposition is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Reached {
-    /// What is counted.
-    pub what: &'static str,
-    /// So many are done.
-    pub done: usize,
-    /// Of so many.
-    pub of: usize,
-}
-
-/// Told how far a decomposition is, now and then; `false` stops it.
-pub type Going<'a> = &'a dyn Fn(Reached) -> bool;
-
 /// A muscle decomposed into fibres.
 #[derive(Clone, Debug)]
 pub struct Decomposition {
@@ -162,19 +149,19 @@ pub fn decompose_along(
     lines: &[Vec<Point3<f64>>],
     options: Options,
 ) -> Result<Decomposition, DecompositionError> {
-    decompose_while(muscle, attachment, lines, options, &|_| true)
+    decompose_with(muscle, attachment, lines, options, &Silent)
 }
 
-/// As [`decompose_along`], as long as `going` says so.
+/// As [`decompose_along`]; `progress` may end it.
 ///
 /// # Errors
 /// As [`decompose`], or it was stopped.
-pub fn decompose_while(
+pub fn decompose_with(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     lines: &[Vec<Point3<f64>>],
     options: Options,
-    going: Going<'_>,
+    progress: &dyn Progress,
 ) -> Result<Decomposition, DecompositionError> {
     let Options { count, points } = options;
     if count == 0 || points < 2 {
@@ -195,7 +182,7 @@ pub fn decompose_while(
         options,
         solid: &solid,
         volume,
-        going,
+        progress,
     };
     let best = task.best()?;
     let Trial {
@@ -221,7 +208,7 @@ struct Task<'a> {
     solid: &'a Solid<'a>,
     /// Of the muscle [m3].
     volume: f64,
-    going: Going<'a>,
+    progress: &'a dyn Progress,
 }
 
 impl Task<'_> {
@@ -251,16 +238,23 @@ impl Task<'_> {
             options,
             solid,
             volume,
-            going,
+            progress,
         } = self;
         let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
         let cells = Cells::new(solid, (volume / wanted).cbrt());
         let field = Field::new(cells, solid, muscle, attachment, lines, flux)
             .map_err(|e| no_field(e, muscle, attachment))?;
         let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
-        let (mut ways, any) = ways(&tracer, options.count, last, going)?;
+        let (mut ways, any) = ways(&tracer, options.count, last, progress)?;
         let hopeless = if last { 1.0 } else { HOPELESS };
-        let bare = exchange::exchange(&tracer, &mut ways, options.points, volume, hopeless, going)?;
+        let bare = exchange::exchange(
+            &tracer,
+            &mut ways,
+            options.points,
+            volume,
+            hopeless,
+            progress,
+        )?;
         let disordered = if any {
             ways.iter().filter(|way| !ordered(&tracer, way)).count()
         } else {
@@ -331,7 +325,7 @@ fn ways(
     tracer: &Tracer<'_>,
     count: usize,
     last: bool,
-    going: Going<'_>,
+    progress: &dyn Progress,
 ) -> Result<(Vec<[Way; 2]>, bool), DecompositionError> {
     let mut ways: Vec<[Way; 2]> = Vec::with_capacity(count);
     for any in [false, true].into_iter().take(if last { 2 } else { 1 }) {
@@ -343,11 +337,8 @@ fn ways(
             if !last && n >= count.max(SOONEST) && n > LOST * ways.len() {
                 break;
             }
-            if !going(Reached {
-                what: "fibres found",
-                done: ways.len(),
-                of: count,
-            }) {
+            let heard = progress.report("fibres found", ways.len(), count);
+            if heard.is_break() {
                 return Err(DecompositionError::Stopped);
             }
             let Some(seed) = seeds.farthest() else { break };

@@ -13,6 +13,7 @@ use super::sphere::relaxation::{Effort, Relaxation};
 use super::sphere::{SphereError, SphereMap};
 use super::warp::{Wish, drawn};
 use crate::mesh::TriangleMesh;
+use crate::progress::Progress;
 
 /// How surfaces are spread over the sphere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -139,19 +140,18 @@ impl Between {
     ///
     /// # Errors
     /// A surface that is no sphere or inside out, pairs that make no sense or cannot be brought together without a fold, maps
-    /// that cannot be laid over each other; `go_on` said no.
+    /// that cannot be laid over each other; `progress` ended it.
     pub fn new(
         meshes: [&TriangleMesh; 2],
         pairs: &[[u32; 2]],
         settings: &Settings,
-        go_on: &(dyn Fn() -> bool + Sync),
+        progress: &(dyn Progress + Sync),
     ) -> Result<Self, BetweenError> {
         let goes_on = || {
-            if go_on() {
-                Ok(())
-            } else {
-                Err(BetweenError::Stopped)
+            if progress.is_stopped() {
+                return Err(BetweenError::Stopped);
             }
+            Ok(())
         };
         let (first, second) = rayon::join(
             || mapped(meshes[0], 0, settings),

@@ -13,6 +13,7 @@ use crate::contact::Surface;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::greatest;
 use crate::mesh::{Topology, TriangleMesh};
+use crate::progress::Silent;
 
 /// Bases that are tried in search of one that fits, each so many times the one before.
 const TRIES: u32 = 10;
@@ -168,7 +169,7 @@ fn goes(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Resul
         edge: order.edge(),
         obstacles,
     }
-    .taken_out(&|| true)?;
+    .taken_out(&Silent)?;
     placed(&taken, &Topology::new(&taken.mesh), order, &centre).map(|_| ())
 }
 

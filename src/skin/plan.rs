@@ -12,13 +12,14 @@ use super::layers::{Layers, Tissue};
 use super::patch::{EVEN, MARGIN, Patch, TakenOut};
 use super::place::{advised, apart, downs, inward, lies_below, middle, placed};
 use super::region::{REACH, Region};
-use super::settle::{Filled, Method, Model, Progress};
+use super::settle::{self, Filled, Method, Model};
 use super::sheet::Sheet;
 use super::start::Begin;
 use super::{Shape, SkinError};
 use crate::contact::Surface;
 use crate::mesh::measures::{greatest, volume};
 use crate::mesh::{Topology, TriangleMesh};
+use crate::progress::{Progress, Silent};
 
 /// Default edges are the base over this.
 pub(super) const FINE: f64 = 20.0;
@@ -131,7 +132,7 @@ pub struct Inserted {
     /// The gain with edges twice as long [m^2]; `None` where that was not found on the way.
     pub coarse_gain: Option<f64>,
     /// How it was found.
-    pub progress: Progress,
+    pub progress: settle::Progress,
 }
 
 impl Inserted {
@@ -165,7 +166,7 @@ pub fn insert(
     skin: &TriangleMesh,
     order: &Order,
     obstacles: &[TriangleMesh],
-    watch: impl FnMut(&Progress) -> bool,
+    watch: impl FnMut(&settle::Progress) -> bool,
 ) -> Result<(Ready, Inserted), SkinError> {
     let ready = Ready::new(skin, order, obstacles)?;
     let inserted = ready.insert(order.implant.volume, watch)?;
@@ -183,20 +184,20 @@ impl Ready {
         order: &Order,
         obstacles: &[TriangleMesh],
     ) -> Result<Self, SkinError> {
-        Self::new_while(skin, order, obstacles, &|| true)
+        Self::new_with(skin, order, obstacles, &Silent)
     }
 
-    /// The same, as long as `go_on` says so: it is asked while skin is refined, which takes seconds where it is large.
+    /// The same; `progress` hears of the refinement of the skin, which takes seconds where it is large, and may end it.
     ///
     /// # Errors
     /// See [`SkinError`].
-    pub fn new_while(
+    pub fn new_with(
         skin: &TriangleMesh,
         order: &Order,
         obstacles: &[TriangleMesh],
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<Self, SkinError> {
-        Self::together(skin, order, &[], obstacles, go_on).map_err(|(_, error)| error)
+        Self::together(skin, order, &[], obstacles, progress).map_err(|(_, error)| error)
     }
 
     /// The same for an implant and others that share skin with it: the region is all that one of them needs.
@@ -208,7 +209,7 @@ impl Ready {
         first: &Order,
         others: &[Order],
         obstacles: &[TriangleMesh],
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<Self, (usize, SkinError)> {
         let orders: Vec<&Order> = [first].into_iter().chain(others).collect();
         orders
@@ -246,7 +247,7 @@ impl Ready {
             obstacles,
         };
         let centres: Vec<Point3<f64>> = patch.places.iter().map(|(_, centre, _)| *centre).collect();
-        let taken = patch.taken_out(go_on).map_err(|error| (0, error))?;
+        let taken = patch.taken_out(progress).map_err(|error| (0, error))?;
         let topology = Topology::new(&taken.mesh);
         let (mut sites, mut triangles) = (Vec::new(), BTreeSet::new());
         for (k, (order, centre)) in orders.into_iter().zip(&centres).enumerate() {
@@ -336,7 +337,7 @@ impl Ready {
     pub fn insert(
         &self,
         volume: f64,
-        watch: impl FnMut(&Progress) -> bool,
+        watch: impl FnMut(&settle::Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
         self.insert_after(None, &[volume], watch)
     }
@@ -350,7 +351,7 @@ impl Ready {
         &self,
         earlier: Option<&Inserted>,
         volumes: &[f64],
-        mut watch: impl FnMut(&Progress) -> bool,
+        mut watch: impl FnMut(&settle::Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
         self.begun(earlier, volumes, &mut watch)
     }
@@ -359,7 +360,7 @@ impl Ready {
         &self,
         earlier: Option<&Inserted>,
         volumes: &[f64],
-        watch: &mut dyn FnMut(&Progress) -> bool,
+        watch: &mut dyn FnMut(&settle::Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
         let (model, start) = self.model(volumes)?;
         let Begin {

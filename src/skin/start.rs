@@ -12,6 +12,7 @@ use super::settle::{Filled, Method, Model, Progress};
 use super::sheet::Sheet;
 use crate::contact::Surface;
 use crate::mesh::{TriangleMesh, refine};
+use crate::progress::Silent;
 
 /// Systems with more unknown vertices than this are solved with a constant factor.
 const LARGE: usize = 25_000;
@@ -63,7 +64,7 @@ impl Ready {
             let obstacles: Vec<TriangleMesh> =
                 self.obstacles.iter().map(|o| o.mesh().clone()).collect();
             let coarser =
-                Self::together(&skin, &orders[0], &orders[1..], &obstacles, &|| true).ok()?;
+                Self::together(&skin, &orders[0], &orders[1..], &obstacles, &Silent).ok()?;
             Some(Box::new(Self {
                 method: self.method,
                 ..coarser

@@ -3,6 +3,7 @@
 use super::SkinError;
 use super::plan::{Order, Ready};
 use crate::mesh::TriangleMesh;
+use crate::progress::Progress;
 
 /// Skin made ready for some implants, and their numbers in the list of all orders.
 pub type Group = (Ready, Vec<usize>);
@@ -16,12 +17,12 @@ pub fn grouped(
     skin: &TriangleMesh,
     orders: &[Order],
     obstacles: impl Fn(&[usize]) -> Vec<TriangleMesh>,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Result<Vec<Group>, (usize, SkinError)> {
     let mut groups = Vec::new();
     for (k, order) in orders.iter().enumerate() {
         let ready =
-            Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
+            Ready::new_with(skin, order, &obstacles(&[k]), progress).map_err(|error| (k, error))?;
         groups.push((ready, vec![k]));
     }
     // A joint patch has other edges and may reach further than those of its implants alone: until no two meet.
@@ -44,7 +45,7 @@ pub fn grouped(
             members.sort_unstable();
             let more: Vec<Order> = members[1..].iter().map(|k| orders[*k].clone()).collect();
             let all = obstacles(&members);
-            let ready = Ready::together(skin, &orders[members[0]], &more, &all, go_on);
+            let ready = Ready::together(skin, &orders[members[0]], &more, &all, progress);
             groups.push((
                 ready.map_err(|(site, error)| of_all(site, error, &members))?,
                 members,

@@ -10,7 +10,7 @@ use nalgebra::Point3;
 use super::areas::{Written, read_file, read_mesh};
 use super::failure::Failure;
 use super::morph::nothing_written;
-use super::progress::Rounds;
+use super::progress::{Rounds, if_raised};
 use super::run::stop_on_interrupt;
 use super::{DONE, FAILED, length_unit, say, say_json, warn};
 use crate::report::fibres::{Bundle, FILES, Summary, size};
@@ -19,8 +19,8 @@ use pliant::contact::Surface;
 use pliant::fibres::attachment::{Area, Attachment, AttachmentError};
 use pliant::fibres::binding::BoundLines;
 use pliant::fibres::each::{Tendon, each};
-use pliant::fibres::harmonic::{DecompositionError, Going, Options, Reached};
-use pliant::fibres::method::{Method, MethodError, decompose_while};
+use pliant::fibres::harmonic::{DecompositionError, Options};
+use pliant::fibres::method::{Method, MethodError, decompose_with};
 use pliant::fibres::quality::{measure, tendons};
 use pliant::fibres::slices::SlicesError;
 use pliant::fibres::smooth::Smoothing;
@@ -30,6 +30,7 @@ use pliant::fibres::template::Template;
 use pliant::io::names::file_name;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::greatest;
+use pliant::progress::Progress;
 
 /// Muscles of animals are this long [m]; another length hints at a wrong unit.
 const LENGTHS: [f64; 2] = [0.001, 5.0];
@@ -169,8 +170,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping");
-    let made = match followed(begun, &stop, |going| {
-        decompose_while(muscle, attachment, method, options, smoothing, going)
+    let made = match followed(begun, &stop, |progress| {
+        decompose_with(muscle, attachment, method, options, smoothing, progress)
     }) {
         Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
         other => other.map_err(|error| undone(&error))?,
@@ -234,16 +235,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 }
 
 /// Does what may take long: shown on standard error once it does, and stopped by Ctrl-C.
-fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(Going<'_>) -> T) -> T {
+fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(&dyn Progress) -> T) -> T {
     let shown: OnceCell<Rounds> = OnceCell::new();
-    let made = work(&|reached: Reached| {
+    let made = work(&|stage: &str, done: usize, of: usize| {
         if begun.elapsed() >= SILENT {
-            let Reached { what, done, of } = reached;
             let rounds = shown.get_or_init(|| Rounds::new(of));
-            rounds.part(&format!("{done} of {of} {what}"));
+            rounds.part(&format!("{done} of {of} {stage}"));
             rounds.reach(done, of);
         }
-        !stop.load(Ordering::Relaxed)
+        if_raised(stop)
     });
     if let Some(rounds) = shown.get() {
         rounds.end();

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use super::failure::Failure;
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{INTERRUPTED, conclude, length_unit, warn};
 use crate::report::folder::Folder;
@@ -146,7 +147,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         },
         ..Settings::default()
     };
-    let between = match Between::new(meshes, &pairs, &settings, &|| !stop.load(Ordering::Relaxed)) {
+    let progress = |_: &str, _: usize, _: usize| if_raised(&stop);
+    let between = match Between::new(meshes, &pairs, &settings, &progress) {
         Err(BetweenError::Stopped) => return Ok(nothing_written()),
         other => other.map_err(|error| refused(&error, paths, meshes, arguments))?,
     };

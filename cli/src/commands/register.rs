@@ -1,11 +1,11 @@
 //! `pliant register`: one surface onto another.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::failure::Failure;
 use super::morph::{name_of, read};
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{FAILED, INTERRUPTED, conclude, length_unit, warn};
 use crate::report::folder::Folder;
@@ -110,9 +110,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ..NonRigid::default()
         }),
     };
-    let laid = match lay(&surfaces[0], &surfaces[1], &settings, &|| {
-        !stop.load(Ordering::Relaxed)
-    }) {
+    let laid = match lay(
+        &surfaces[0],
+        &surfaces[1],
+        &settings,
+        &|_: &str, _: usize, _: usize| if_raised(&stop),
+    ) {
         Err(RegisterError::Stopped) => {
             warn("interrupted: nothing is written");
             return Ok(INTERRUPTED);

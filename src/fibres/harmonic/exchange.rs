@@ -6,8 +6,9 @@ use rayon::prelude::*;
 use super::cells::{Cells, NONE};
 use super::field::Field;
 use super::trace::{Tracer, Way};
-use super::{DecompositionError, Going, Reached, through, whole};
+use super::{DecompositionError, through, whole};
 use crate::fibres::polyline::length;
+use crate::progress::Progress;
 
 /// Below this uncovered share of the volume nothing is exchanged.
 const ENOUGH: f64 = 0.0075;
@@ -33,7 +34,7 @@ pub fn exchange(
     points: usize,
     volume: f64,
     hopeless: f64,
-    going: Going<'_>,
+    progress: &dyn Progress,
 ) -> Result<f64, DecompositionError> {
     let cells = &tracer.field.cells;
     let lines: Vec<Vec<Point3<f64>>> = ways.iter().map(|way| whole(way, points)).collect();
@@ -53,11 +54,8 @@ pub fn exchange(
     let mut tried = vec![false; cells.count()];
     let (mut tries, mut in_vain) = (0, 0);
     while tries < TRIES * ways.len() && in_vain < IN_VAIN && cover.bare_share() > ENOUGH {
-        if !going(Reached {
-            what: "others tried",
-            done: tries,
-            of: TRIES * ways.len(),
-        }) {
+        let heard = progress.report("others tried", tries, TRIES * ways.len());
+        if heard.is_break() {
             return Err(DecompositionError::Stopped);
         }
         let seeds = cover.barest(&mut tried);

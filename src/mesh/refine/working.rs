@@ -7,6 +7,7 @@ use nalgebra::{Point3, Vector3};
 use super::ASKED;
 use crate::mesh::closest::{SurfaceTree, closest_on_triangle};
 use crate::mesh::{Topology, TriangleMesh};
+use crate::progress::Progress;
 
 const NONE: u32 = u32::MAX;
 /// A triangle is compared with parts of the original that do not face away from it by more than this cosine.
@@ -48,7 +49,7 @@ pub(super) struct Working<'a> {
     carried: Vec<Vec<u32>>,
     /// Projections reach so far [m].
     reach: f64,
-    go_on: &'a dyn Fn() -> bool,
+    progress: &'a dyn Progress,
     /// How often it was asked whether to go on.
     asked: usize,
     stopped: bool,
@@ -84,7 +85,7 @@ impl<'a> Working<'a> {
         topology: &Topology,
         original: &'a SurfaceTree,
         edge_length: f64,
-        go_on: &'a dyn Fn() -> bool,
+        progress: &'a dyn Progress,
     ) -> Self {
         let mut boundary = vec![false; mesh.vertices.len()];
         for e in topology.boundary_edges() {
@@ -105,7 +106,7 @@ impl<'a> Working<'a> {
             samples: Vec::new(),
             carried: vec![Vec::new(); mesh.triangles.len()],
             reach: edge_length,
-            go_on,
+            progress,
             asked: 0,
             stopped: false,
         };
@@ -116,7 +117,7 @@ impl<'a> Working<'a> {
     /// Whether to go on with the next edge, vertex or triangle; once stopped, it stays so.
     pub fn goes_on(&mut self) -> bool {
         if !self.stopped && self.asked.is_multiple_of(ASKED) {
-            self.stopped = !(self.go_on)();
+            self.stopped = self.progress.is_stopped();
         }
         self.asked += 1;
         !self.stopped

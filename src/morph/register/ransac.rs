@@ -17,6 +17,7 @@ use super::fit::{Motion, draws_needed};
 use super::icp::Select;
 use super::{Icp, RegisterError, Surface};
 use crate::mesh::Aabb;
+use crate::progress::{Progress, Silent};
 
 /// Settings of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -146,7 +147,7 @@ impl Ransac {
         moving: &Surface<'_>,
         fixed: &Surface<'_>,
     ) -> Result<Similarity3<f64>, RegisterError> {
-        let found = self.best(moving, fixed, &[], &|| true)?;
+        let found = self.best(moving, fixed, &[], &Silent)?;
         if found.inliers >= found.wanted {
             Ok(found.motion)
         } else {
@@ -157,19 +158,19 @@ impl Ransac {
     /// The best motion of those drawn and of `others`, however few points it lays there.
     ///
     /// # Errors
-    /// No motion at all was found; `go_on` said no.
+    /// No motion at all was found; `progress` ended it.
     pub fn best(
         &self,
         moving: &Surface<'_>,
         fixed: &Surface<'_>,
         others: &[Similarity3<f64>],
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<Begun, RegisterError> {
         let mut draws = Draws::new(self.seed);
         let mut best: Option<(usize, Begun)> = None;
         for _ in 0..ATTEMPTS {
             let search = Search::new(self, moving, fixed, &mut draws);
-            let next = self.once(&search, others, &mut draws, go_on)?;
+            let next = self.once(&search, others, &mut draws, progress)?;
             let drawn = next.1.draws + best.as_ref().map_or(0, |b| b.1.draws);
             let (score, begun) = best.filter(|b| b.0 >= next.0).unwrap_or(next);
             let begun = Begun {
@@ -196,7 +197,7 @@ impl Ransac {
         search: &Search<'_>,
         others: &[Similarity3<f64>],
         draws: &mut Draws,
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<(usize, Begun), RegisterError> {
         let needed = (self.patience
             * draws_needed(
@@ -208,7 +209,7 @@ impl Ransac {
         let mut best: Vec<(usize, Similarity3<f64>)> = Vec::new();
         let (mut wanted, mut count) = (needed.max(1.0) as usize, 0);
         while count < wanted {
-            if !go_on() {
+            if progress.is_stopped() {
                 return Err(RegisterError::Stopped);
             }
             count += 1;

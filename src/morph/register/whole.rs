@@ -10,6 +10,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::median;
 use crate::morph::align::rotation_of;
 use crate::morph::pose::axes;
+use crate::progress::Progress;
 
 /// What is asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -99,12 +100,12 @@ impl Laid {
 /// Lays `moving` onto `fixed`.
 ///
 /// # Errors
-/// No start at all, too few pairs on the way, a system that cannot be solved; `go_on` said no.
+/// No start at all, too few pairs on the way, a system that cannot be solved; `progress` ended it.
 pub fn lay(
     moving: &Surface<'_>,
     fixed: &Surface<'_>,
     settings: &Settings,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Result<Laid, RegisterError> {
     let mut times = Times::default();
     let begun = Instant::now();
@@ -116,7 +117,7 @@ pub fn lay(
         moving,
         fixed,
         &others(moving.mesh(), fixed.mesh(), settings.motion),
-        go_on,
+        progress,
     )?;
     times.start = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
@@ -126,7 +127,7 @@ pub fn lay(
     }
     .run(moving, fixed, &start.motion)?;
     times.icp = begun.elapsed().as_secs_f64();
-    if !go_on() {
+    if progress.is_stopped() {
         return Err(RegisterError::Stopped);
     }
     let begun = Instant::now();
@@ -137,7 +138,7 @@ pub fn lay(
         .collect();
     let bent = settings
         .bending
-        .map(|how| how.run(moving, fixed, &points, go_on))
+        .map(|how| how.run(moving, fixed, &points, progress))
         .transpose()?;
     times.bend = begun.elapsed().as_secs_f64();
     if let Some(bent) = &bent {

@@ -18,7 +18,8 @@ fn between(
     pairs: &[[u32; 2]],
     settings: &Settings,
 ) -> Between {
-    Between::new([first, second], pairs, settings, &|| true).unwrap_or_else(|e| panic!("{e}"))
+    Between::new([first, second], pairs, settings, &pliant::progress::Silent)
+        .unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// A body without symmetry, long enough to have axes.
@@ -191,7 +192,7 @@ fn pairs_meet_exactly() {
 fn what_cannot_be_brought_together_is_refused() {
     let ball = stretched(1, 1.0);
     let refused = |meshes: [&TriangleMesh; 2], pairs: &[[u32; 2]], settings: &Settings| {
-        Between::new(meshes, pairs, settings, &|| true).expect_err("refused")
+        Between::new(meshes, pairs, settings, &pliant::progress::Silent).expect_err("refused")
     };
     let mut out = ball.clone();
     out.triangles.iter_mut().for_each(|t| t.swap(0, 1));
@@ -246,7 +247,12 @@ fn what_cannot_be_brought_together_is_refused() {
             && error.to_string().contains("robust"),
         "{error}"
     );
-    let stopped = Between::new([&ball, &ball], &[], &plain, &|| false);
+    let stopped = Between::new(
+        [&ball, &ball],
+        &[],
+        &plain,
+        &|_: &str, _: usize, _: usize| std::ops::ControlFlow::Break(()),
+    );
     assert_eq!(stopped.map(|b| b.turned), Err(BetweenError::Stopped));
 }
 
