@@ -10,7 +10,7 @@ use nalgebra::Point3;
 use super::areas::{Written, read_file, read_mesh};
 use super::failure::Failure;
 use super::morph::nothing_written;
-use super::progress::{Rounds, if_raised};
+use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
 use super::{DONE, FAILED, length_unit, say, say_json, warn};
 use crate::report::fibres::{Bundle, FILES, Summary, size};
@@ -236,10 +236,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 
 /// Does what may take long: shown on standard error once it does, and stopped by Ctrl-C.
 fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(&dyn Progress) -> T) -> T {
-    let shown: OnceCell<Rounds> = OnceCell::new();
+    let shown: OnceCell<Bar> = OnceCell::new();
     let made = work(&|stage: &str, done: usize, of: usize| {
         if begun.elapsed() >= SILENT {
-            let rounds = shown.get_or_init(|| Rounds::new(of));
+            let rounds = shown.get_or_init(|| Bar::of_parts(of));
             rounds.part(&format!("{done} of {of} {stage}"));
             rounds.reach(done, of);
         }
