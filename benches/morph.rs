@@ -133,8 +133,13 @@ fn maps(c: &mut Criterion) {
 
     let mut other = belly(24);
     other.vertices.iter_mut().for_each(|p| p.y *= 1.3);
-    let both = Correspondence::new([&body, &other], &[], &Settings::default(), &|| true)
-        .expect("two spheres");
+    let both = Correspondence::new(
+        [&body, &other],
+        &[],
+        &Settings::default(),
+        &pliant::progress::Silent,
+    )
+    .expect("two spheres");
     let ends = [both.places[0].as_slice(), &both.places[1]];
     let mut way = Way::Linear;
     for (t, end) in [(0.0, ends[0]), (1.0, ends[1])] {
@@ -176,7 +181,7 @@ fn registration(c: &mut Criterion) {
         motion: Motion::Similarity,
         ..register::Settings::default()
     };
-    let laid = register_surfaces(&from, &to, &how, &|| true).expect("a motion");
+    let laid = register_surfaces(&from, &to, &how, &pliant::progress::Silent).expect("a motion");
     let off = laid
         .points
         .iter()
@@ -192,7 +197,7 @@ fn registration(c: &mut Criterion) {
         .warm_up_time(Duration::from_millis(300))
         .measurement_time(Duration::from_secs(2));
     group.bench_function("registration", |b| {
-        b.iter(|| register_surfaces(&from, &to, &how, &|| true).expect("a motion"))
+        b.iter(|| register_surfaces(&from, &to, &how, &pliant::progress::Silent).expect("a motion"))
     });
     group.finish();
 }

@@ -21,6 +21,7 @@ use super::attachment::Attachment;
 use super::polyline::resample;
 use super::solid::{Closed, Solid};
 use crate::mesh::{TriangleMesh, measures};
+use crate::progress::{Progress, Silent};
 use crate::solvers::sparse::FactorError;
 use cells::Cells;
 use field::{Field, FieldError, Flux};
@@ -117,20 +118,6 @@ pub enum DecompositionError {
     Stopped,
 }
 
-/// Progress of a decomposition.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Reached {
-    /// The counted unit.
-    pub what: &'static str,
-    /// Number of units done.
-    pub done: usize,
-    /// Total number of units.
-    pub of: usize,
-}
-
-/// Receives the progress of a decomposition at intervals; `false` stops it.
-pub type Going<'a> = &'a dyn Fn(Reached) -> bool;
-
 /// A muscle decomposed into fibres.
 #[derive(Clone, Debug)]
 pub struct Decomposition {
@@ -167,19 +154,19 @@ pub fn decompose_along(
     lines: &[Vec<Point3<f64>>],
     options: Options,
 ) -> Result<Decomposition, DecompositionError> {
-    decompose_while(muscle, attachment, lines, options, &|_| true)
+    decompose_with(muscle, attachment, lines, options, &Silent)
 }
 
 /// The same as [`decompose_along`]; stops when `going` returns `false`.
 ///
 /// # Errors
 /// Those of [`decompose`], or [`DecompositionError::Stopped`].
-pub fn decompose_while(
+pub fn decompose_with(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     lines: &[Vec<Point3<f64>>],
     options: Options,
-    going: Going<'_>,
+    progress: &dyn Progress,
 ) -> Result<Decomposition, DecompositionError> {
     let Options { count, points } = options;
     if count == 0 || points < 2 {
@@ -200,7 +187,7 @@ pub fn decompose_while(
         options,
         solid: &solid,
         volume,
-        going,
+        progress,
     };
     let best = task.best()?;
     let Trial {
@@ -226,7 +213,7 @@ struct Task<'a> {
     solid: &'a Solid<'a>,
     /// Volume of the muscle [m3].
     volume: f64,
-    going: Going<'a>,
+    progress: &'a dyn Progress,
 }
 
 impl Task<'_> {
@@ -256,14 +243,14 @@ impl Task<'_> {
             options,
             solid,
             volume,
-            going,
+            progress,
         } = self;
         let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
         let cells = Cells::new(solid, (volume / wanted).cbrt());
         let field = Field::new(cells, solid, muscle, attachment, lines, flux)
             .map_err(|e| no_field(e, muscle, attachment))?;
         let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
-        let (mut streamlines, any) = streamlines(&tracer, options.count, last, going)?;
+        let (mut streamlines, any) = streamlines(&tracer, options.count, last, progress)?;
         let max_uncovered = if last { 1.0 } else { MAX_UNCOVERED };
         let bare = reseed::reseed(
             &tracer,
@@ -271,7 +258,7 @@ impl Task<'_> {
             options.points,
             volume,
             max_uncovered,
-            going,
+            progress,
         )?;
         let disordered = if any {
             streamlines
@@ -346,7 +333,7 @@ fn streamlines(
     tracer: &Tracer<'_>,
     count: usize,
     last: bool,
-    going: Going<'_>,
+    progress: &dyn Progress,
 ) -> Result<(Vec<[HalfStreamline; 2]>, bool), DecompositionError> {
     let mut streamlines: Vec<[HalfStreamline; 2]> = Vec::with_capacity(count);
     for any in [false, true].into_iter().take(if last { 2 } else { 1 }) {
@@ -359,11 +346,8 @@ fn streamlines(
             if !last && n >= count.max(SOONEST) && n > LOST * streamlines.len() {
                 break;
             }
-            if !going(Reached {
-                what: "fibres found",
-                done: streamlines.len(),
-                of: count,
-            }) {
+            let heard = progress.report("fibres found", streamlines.len(), count);
+            if heard.is_break() {
                 return Err(DecompositionError::Stopped);
             }
             let Some(seed) = seeds.farthest() else { break };

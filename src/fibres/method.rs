@@ -5,13 +5,14 @@ use std::sync::Arc;
 use nalgebra::Point3;
 
 use super::attachment::Attachment;
-use super::harmonic::{self, Decomposition, DecompositionError, Going, Options, Reached};
+use super::harmonic::{self, Decomposition, DecompositionError, Options};
 use super::slices::{self, SlicesError};
 use super::smooth::{Smoothing, smooth};
 use super::solid::Closed;
 use super::springs::{self, SpringsError};
 use super::template::{Grid, Template};
 use crate::mesh::TriangleMesh;
+use crate::progress::{Progress, Silent};
 
 /// Number of point moves in smoothing between two checks for cancellation.
 const MOVES: usize = 200_000;
@@ -75,7 +76,7 @@ pub fn decompose(
     options: Options,
     smoothing: Smoothing,
 ) -> Result<Fibres, MethodError> {
-    decompose_while(muscle, attachment, method, options, smoothing, &|_| true)
+    decompose_with(muscle, attachment, method, options, smoothing, &Silent)
 }
 
 /// The same as [`decompose`]; stops when `going` returns `false`. Springs and slices run to their
@@ -83,25 +84,25 @@ pub fn decompose(
 ///
 /// # Errors
 /// As [`decompose`], or [`DecompositionError::Stopped`].
-pub fn decompose_while(
+pub fn decompose_with(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     method: Method<'_>,
     options: Options,
     smoothing: Smoothing,
-    going: Going<'_>,
+    progress: &dyn Progress,
 ) -> Result<Fibres, MethodError> {
     let Options { count, points } = options;
     let mut made = match method {
-        Method::Harmonic => Fibres::of(harmonic::decompose_while(
+        Method::Harmonic => Fibres::of(harmonic::decompose_with(
             muscle,
             attachment,
             &[],
             options,
-            going,
+            progress,
         )?),
-        Method::Superficial(lines) => Fibres::of(harmonic::decompose_while(
-            muscle, attachment, lines, options, going,
+        Method::Superficial(lines) => Fibres::of(harmonic::decompose_with(
+            muscle, attachment, lines, options, progress,
         )?),
         Method::Springs(template) => {
             let options = springs::Options {
@@ -126,12 +127,9 @@ pub fn decompose_while(
     };
     let mut done = 0;
     while done < smoothing.steps {
-        let reached = Reached {
-            what: "passes of smoothing",
-            done: done as usize,
-            of: smoothing.steps as usize,
-        };
-        if !going(reached) {
+        let (passes, of) = (done as usize, smoothing.steps as usize);
+        let heard = progress.report("passes of smoothing", passes, of);
+        if heard.is_break() {
             return Err(DecompositionError::Stopped.into());
         }
         let steps = (MOVES / count.saturating_mul(points).max(1))

@@ -12,6 +12,7 @@ use std::f64::consts::TAU;
 use super::closest::SurfaceTree;
 use super::topology::{NONE, Topology};
 use super::{MeshError, TriangleMesh};
+use crate::progress::{Progress, Silent};
 use working::{Limits, Working, smallest_sine};
 
 /// Longest edge after a split, in target edge lengths.
@@ -117,7 +118,7 @@ pub enum RefineError {
 /// # Errors
 /// A bad edge length, an empty, non-manifold or inconsistently oriented mesh, too many triangles.
 pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineError> {
-    refine_while(mesh, edge_length, &|| true)
+    refine_with(mesh, edge_length, &Silent)
 }
 
 /// The same as [`refine`]; calls `go_on` every thousand edges, vertices or triangles and stops when
@@ -125,12 +126,12 @@ pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineEr
 ///
 /// # Errors
 /// Those of [`refine`], or [`RefineError::Stopped`].
-pub fn refine_while(
+pub fn refine_with(
     mesh: &TriangleMesh,
     edge_length: f64,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Result<Refined, RefineError> {
-    refine_patch(mesh, edge_length, go_on).map(|(refined, _)| refined)
+    refine_patch(mesh, edge_length, progress).map(|(refined, _)| refined)
 }
 
 /// The same as [`refine_while`], and for each vertex of the result the equal vertex of the
@@ -139,17 +140,17 @@ pub fn refine_while(
 pub(crate) fn refine_patch(
     mesh: &TriangleMesh,
     edge_length: f64,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Result<(Refined, Vec<u32>), RefineError> {
     let topology = checked(mesh, edge_length)?;
     let original = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
-    let mut working = Working::new(mesh, &topology, &original, edge_length, go_on);
+    let mut working = Working::new(mesh, &topology, &original, edge_length, progress);
     remesh(&mut working, edge_length);
     if working.is_stopped() {
         return Err(RefineError::Stopped);
     }
     let (refined, names, drift) = working.finish();
-    let report = measure(mesh, &original, &refined, drift, edge_length, go_on)
+    let report = measure(mesh, &original, &refined, drift, edge_length, progress)
         .ok_or(RefineError::Stopped)?;
     let mut origin = vec![NONE; refined.vertices.len()];
     for v in topology
@@ -449,13 +450,13 @@ fn measure(
     refined: &TriangleMesh,
     drift: f64,
     edge_length: f64,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Option<RefineReport> {
     let topology = Topology::new(refined);
     let lengths = topology.edge_lengths(refined);
     let mut deviation = drift;
     for t in 0..refined.triangles.len() {
-        if t % ASKED == 0 && !go_on() {
+        if t % ASKED == 0 && progress.is_stopped() {
             return None;
         }
         let [a, b, c] = refined.corners(t);

@@ -14,6 +14,7 @@ use super::sphere::relaxation::{Effort, Relaxation};
 use super::sphere::{SphereError, SphereMap};
 use super::warp::{Target, warped};
 use crate::mesh::TriangleMesh;
+use crate::progress::Progress;
 
 /// Method of the map to the sphere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -146,14 +147,13 @@ impl Correspondence {
         meshes: [&TriangleMesh; 2],
         pairs: &[[u32; 2]],
         settings: &Settings,
-        go_on: &(dyn Fn() -> bool + Sync),
+        progress: &(dyn Progress + Sync),
     ) -> Result<Self, CorrespondenceError> {
         let goes_on = || {
-            if go_on() {
-                Ok(())
-            } else {
-                Err(CorrespondenceError::Stopped)
+            if progress.is_stopped() {
+                return Err(CorrespondenceError::Stopped);
             }
+            Ok(())
         };
         let (first, second) = rayon::join(
             || mapped(meshes[0], 0, settings),

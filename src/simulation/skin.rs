@@ -150,7 +150,7 @@ impl SkinRun {
             scene: &scene,
             skin: &skin,
             obstacles: &obstacles,
-            go_on: &|| progress.report("refining skin", 0, 0).is_continue(),
+            progress,
         }
         .parts()?;
         let plan = Plan::of_skin(&scene, &parts, &obstacles);
@@ -345,7 +345,7 @@ struct Making<'a> {
     scene: &'a SkinScene,
     skin: &'a TriangleMesh,
     obstacles: &'a [TriangleMesh],
-    go_on: &'a dyn Fn() -> bool,
+    progress: &'a dyn Progress,
 }
 
 impl Making<'_> {
@@ -397,7 +397,9 @@ impl Making<'_> {
                 .collect()
         };
         let mut parts = Vec::new();
-        for (mut ready, members) in grouped(self.skin, &orders, met, self.go_on).map_err(refused)? {
+        for (mut ready, members) in
+            grouped(self.skin, &orders, met, self.progress).map_err(refused)?
+        {
             ready.method = self.scene.skin.method;
             let most = |k: &usize| {
                 let reached = all[*k]

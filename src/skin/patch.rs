@@ -11,6 +11,7 @@ use crate::mesh::closest::SurfaceTree;
 use crate::mesh::orientation::Orientation;
 use crate::mesh::topology::NONE;
 use crate::mesh::{RefineError, Topology, TriangleMesh, refine_patch};
+use crate::progress::Progress;
 
 /// Radius of the refined patch relative to that of the region.
 pub(super) const MARGIN: f64 = 1.25;
@@ -55,7 +56,7 @@ pub(super) struct TakenOut {
 
 impl Patch<'_> {
     /// The skin about the implant with a margin, oriented, and refined where it is coarse.
-    pub fn taken_out(&self, go_on: &dyn Fn() -> bool) -> Result<TakenOut, SkinError> {
+    pub fn taken_out(&self, progress: &dyn Progress) -> Result<TakenOut, SkinError> {
         let Self {
             skin,
             places,
@@ -112,7 +113,7 @@ impl Patch<'_> {
             .median_edge_length(&topology)
             .is_some_and(|median| median > ENOUGH * edge)
         {
-            let (refined, kept) = refined(&mesh, edge, go_on)?;
+            let (refined, kept) = refined(&mesh, edge, progress)?;
             mesh = refined;
             origin = kept
                 .iter()
@@ -140,13 +141,13 @@ impl Patch<'_> {
 fn refined(
     mesh: &TriangleMesh,
     edge: f64,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Result<(TriangleMesh, Vec<u32>), SkinError> {
     let (vertices, most) = (mesh.area() / (EVEN * edge * edge), LARGER * MOST);
     if !(vertices <= most) {
         return Err(SkinError::TooLargePatch { vertices, most });
     }
-    match refine_patch(mesh, edge, go_on) {
+    match refine_patch(mesh, edge, progress) {
         Err(RefineError::Stopped) => Err(SkinError::Stopped),
         other => Ok(other.map(|(refined, kept)| (refined.mesh, kept))?),
     }

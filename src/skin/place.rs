@@ -14,6 +14,7 @@ use crate::contact::Surface;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::max_or_nan;
 use crate::mesh::{Topology, TriangleMesh};
+use crate::progress::Silent;
 
 /// Number of bases in the search for one that fits; each is the previous one times a constant
 /// factor.
@@ -178,7 +179,7 @@ fn goes(
         edge: order.edge(),
         obstacles,
     }
-    .taken_out(&|| true)?;
+    .taken_out(&Silent)?;
     placed(&taken, &Topology::new(&taken.mesh), order, &centre).map(|_| ())
 }
 

@@ -12,12 +12,13 @@ use super::layers::{Layers, Tissue};
 use super::patch::{EVEN, MARGIN, Patch, TakenOut};
 use super::place::{advised, apart, downs, inward, lies_below, middle, placed};
 use super::region::{REACH, Region};
-use super::settle::{Filled, Method, Model, Progress};
+use super::settle::{self, Filled, Method, Model};
 use super::start::Begin;
 use super::support_surface::SupportSurface;
 use super::{Shape, SkinError};
 use crate::mesh::measures::{max_or_nan, volume};
 use crate::mesh::{Topology, TriangleMesh};
+use crate::progress::{Progress, Silent};
 
 /// Ratio of the base to the default edge length.
 pub(super) const FINE: f64 = 20.0;
@@ -130,7 +131,7 @@ pub struct Inserted {
     /// The gain with edges twice as long [m^2]; `None` if not computed.
     pub coarse_gain: Option<f64>,
     /// Effort and state of the solution.
-    pub progress: Progress,
+    pub progress: settle::Progress,
 }
 
 impl Inserted {
@@ -164,7 +165,7 @@ pub fn insert(
     skin: &TriangleMesh,
     order: &ImplantSpec,
     obstacles: &[TriangleMesh],
-    watch: impl FnMut(&Progress) -> bool,
+    watch: impl FnMut(&settle::Progress) -> bool,
 ) -> Result<(PreparedPatch, Inserted), SkinError> {
     let ready = PreparedPatch::new(skin, order, obstacles)?;
     let inserted = ready.insert(order.implant.volume, watch)?;
@@ -182,7 +183,7 @@ impl PreparedPatch {
         order: &ImplantSpec,
         obstacles: &[TriangleMesh],
     ) -> Result<Self, SkinError> {
-        Self::new_while(skin, order, obstacles, &|| true)
+        Self::new_with(skin, order, obstacles, &Silent)
     }
 
     /// The same as [`Ready::new`]; stops when `go_on` returns false. Large skin takes seconds to
@@ -190,13 +191,13 @@ impl PreparedPatch {
     ///
     /// # Errors
     /// See [`SkinError`].
-    pub fn new_while(
+    pub fn new_with(
         skin: &TriangleMesh,
         order: &ImplantSpec,
         obstacles: &[TriangleMesh],
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<Self, SkinError> {
-        Self::together(skin, order, &[], obstacles, go_on).map_err(|(_, error)| error)
+        Self::together(skin, order, &[], obstacles, progress).map_err(|(_, error)| error)
     }
 
     /// The same for an implant and others that share skin with it: the region is the union of their
@@ -209,7 +210,7 @@ impl PreparedPatch {
         first: &ImplantSpec,
         others: &[ImplantSpec],
         obstacles: &[TriangleMesh],
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<Self, (usize, SkinError)> {
         let orders: Vec<&ImplantSpec> = [first].into_iter().chain(others).collect();
         orders
@@ -247,7 +248,7 @@ impl PreparedPatch {
             obstacles,
         };
         let centres: Vec<Point3<f64>> = patch.places.iter().map(|(_, centre, _)| *centre).collect();
-        let taken = patch.taken_out(go_on).map_err(|error| (0, error))?;
+        let taken = patch.taken_out(progress).map_err(|error| (0, error))?;
         let topology = Topology::new(&taken.mesh);
         let (mut sites, mut triangles) = (Vec::new(), BTreeSet::new());
         for (k, (order, centre)) in orders.into_iter().zip(&centres).enumerate() {
@@ -338,7 +339,7 @@ impl PreparedPatch {
     pub fn insert(
         &self,
         volume: f64,
-        watch: impl FnMut(&Progress) -> bool,
+        watch: impl FnMut(&settle::Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
         self.insert_after(None, &[volume], watch)
     }
@@ -352,7 +353,7 @@ impl PreparedPatch {
         &self,
         earlier: Option<&Inserted>,
         volumes: &[f64],
-        mut watch: impl FnMut(&Progress) -> bool,
+        mut watch: impl FnMut(&settle::Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
         self.begun(earlier, volumes, &mut watch)
     }
@@ -361,7 +362,7 @@ impl PreparedPatch {
         &self,
         earlier: Option<&Inserted>,
         volumes: &[f64],
-        watch: &mut dyn FnMut(&Progress) -> bool,
+        watch: &mut dyn FnMut(&settle::Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
         let (model, start) = self.model(volumes)?;
         let Begin {

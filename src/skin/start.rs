@@ -13,6 +13,7 @@ use super::settle::{Filled, Method, Model, Progress};
 use super::support_surface::SupportSurface;
 use crate::contact::Surface;
 use crate::mesh::{TriangleMesh, refine};
+use crate::progress::Silent;
 
 /// Systems with more unknown vertices use a constant factor.
 const LARGE: usize = 25_000;
@@ -65,7 +66,7 @@ impl PreparedPatch {
             let obstacles: Vec<TriangleMesh> =
                 self.obstacles.iter().map(|o| o.mesh().clone()).collect();
             let coarser =
-                Self::together(&skin, &orders[0], &orders[1..], &obstacles, &|| true).ok()?;
+                Self::together(&skin, &orders[0], &orders[1..], &obstacles, &Silent).ok()?;
             Some(Box::new(Self {
                 method: self.method,
                 ..coarser

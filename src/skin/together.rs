@@ -3,6 +3,7 @@
 use super::SkinError;
 use super::plan::{ImplantSpec, PreparedPatch};
 use crate::mesh::TriangleMesh;
+use crate::progress::Progress;
 
 /// Skin prepared for a group of implants, with their indices in the list of all orders.
 pub type Group = (PreparedPatch, Vec<usize>);
@@ -16,11 +17,11 @@ pub fn grouped(
     skin: &TriangleMesh,
     orders: &[ImplantSpec],
     obstacles: impl Fn(&[usize]) -> Vec<TriangleMesh>,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Result<Vec<Group>, (usize, SkinError)> {
     let mut groups = Vec::new();
     for (k, order) in orders.iter().enumerate() {
-        let ready = PreparedPatch::new_while(skin, order, &obstacles(&[k]), go_on)
+        let ready = PreparedPatch::new_with(skin, order, &obstacles(&[k]), progress)
             .map_err(|error| (k, error))?;
         groups.push((ready, vec![k]));
     }
@@ -45,7 +46,7 @@ pub fn grouped(
             members.sort_unstable();
             let more: Vec<ImplantSpec> = members[1..].iter().map(|k| orders[*k].clone()).collect();
             let all = obstacles(&members);
-            let ready = PreparedPatch::together(skin, &orders[members[0]], &more, &all, go_on);
+            let ready = PreparedPatch::together(skin, &orders[members[0]], &more, &all, progress);
             groups.push((
                 ready.map_err(|(site, error)| of_all(site, error, &members))?,
                 members,

@@ -402,8 +402,9 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
         "{}",
         ready.patch.triangles.len()
     );
+    let stop = |_: &str, _: usize, _: usize| std::ops::ControlFlow::Break(());
     // Refining looks up, and what it would have been is not needed.
-    let stopped = PreparedPatch::new_while(&halved, &order, &[], &|| false).expect_err("stopped");
+    let stopped = PreparedPatch::new_with(&halved, &order, &[], &stop).expect_err("stopped");
     assert_eq!(stopped, SkinError::Stopped);
     // At a corner the skin turns away; it has no border that could be in the way.
     let corner = ImplantSpec {

@@ -11,7 +11,7 @@ use super::areas::{Written, read_file, read_mesh};
 use super::failure::Failure;
 use super::morph::nothing_written;
 use super::options::Output;
-use super::progress::Rounds;
+use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
 use super::{length_unit, warn};
 use crate::report::fibres::{Bundle, FILES, Summary, size};
@@ -20,8 +20,8 @@ use pliant::contact::Surface;
 use pliant::fibres::attachment::{Area, Attachment, AttachmentError};
 use pliant::fibres::binding::BoundLines;
 use pliant::fibres::fibre_measures::{Tendon, measure_fibres};
-use pliant::fibres::harmonic::{DecompositionError, Going, Options, Reached};
-use pliant::fibres::method::{Method, MethodError, decompose_while};
+use pliant::fibres::harmonic::{DecompositionError, Options};
+use pliant::fibres::method::{Method, MethodError, decompose_with};
 use pliant::fibres::quality::{measure, tendons};
 use pliant::fibres::slices::SlicesError;
 use pliant::fibres::smooth::Smoothing;
@@ -30,6 +30,7 @@ use pliant::fibres::superficial::{Registered, register};
 use pliant::fibres::template::Template;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
+use pliant::progress::Progress;
 
 /// Plausible lengths of animal muscles [m]; another length suggests a wrong unit.
 const LENGTHS: [f64; 2] = [0.001, 5.0];
@@ -166,8 +167,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping");
-    let made = match followed(begun, &stop, |going| {
-        decompose_while(muscle, attachment, method, options, smoothing, going)
+    let made = match followed(begun, &stop, |progress| {
+        decompose_with(muscle, attachment, method, options, smoothing, progress)
     }) {
         Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
         other => other.map_err(|error| undone(&error))?,
@@ -228,16 +229,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 
 /// Runs a possibly long computation: shows its progress on standard error after a while, and stops
 /// on Ctrl-C.
-fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(Going<'_>) -> T) -> T {
-    let shown: OnceCell<Rounds> = OnceCell::new();
-    let made = work(&|reached: Reached| {
+fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(&dyn Progress) -> T) -> T {
+    let shown: OnceCell<Bar> = OnceCell::new();
+    let made = work(&|stage: &str, done: usize, of: usize| {
         if begun.elapsed() >= SILENT {
-            let Reached { what, done, of } = reached;
-            let rounds = shown.get_or_init(|| Rounds::new(of));
-            rounds.part(&format!("{done} of {of} {what}"));
+            let rounds = shown.get_or_init(|| Bar::of_parts(of));
+            rounds.part(&format!("{done} of {of} {stage}"));
             rounds.reach(done, of);
         }
-        !stop.load(Ordering::Relaxed)
+        if_raised(stop)
     });
     if let Some(rounds) = shown.get() {
         rounds.end();

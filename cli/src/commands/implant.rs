@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use super::failure::Failure;
 use super::options::Output;
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{INTERRUPTED, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
@@ -254,9 +255,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let extent = max_or_nan(skin.bounding_box().extents().iter().copied());
     say_sizes(extent, &orders);
     let skin = halved_near(skin, &orders);
-    let groups = match grouped(&skin, &orders, |_| obstacles.clone(), &|| {
-        !stop.load(Ordering::Relaxed)
-    }) {
+    let groups = match grouped(
+        &skin,
+        &orders,
+        |_| obstacles.clone(),
+        &|_: &str, _: usize, _: usize| if_raised(&stop),
+    ) {
         Err((_, SkinError::Stopped)) => return Ok(nothing_written()),
         other => other.map_err(|(k, error)| refused_of(k, orders.len(), &error))?,
     };

@@ -275,7 +275,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let progress = Stoppable::new(running.frames(), &stop);
     simulation::run(&mut running, &mut [&mut written], &progress);
-    progress.rounds.end();
+    progress.bar.end();
     if let Some(error) = written.failed {
         return Err(error.into());
     }

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use super::failure::Failure;
 use super::options::Output;
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{INTERRUPTED, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
@@ -144,11 +145,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         },
         ..Settings::default()
     };
-    let between =
-        match Correspondence::new(meshes, &pairs, &settings, &|| !stop.load(Ordering::Relaxed)) {
-            Err(CorrespondenceError::Stopped) => return Ok(nothing_written()),
-            other => other.map_err(|error| refused(&error, paths, meshes, arguments))?,
-        };
+    let progress = |_: &str, _: usize, _: usize| if_raised(&stop);
+    let between = match Correspondence::new(meshes, &pairs, &settings, &progress) {
+        Err(CorrespondenceError::Stopped) => return Ok(nothing_written()),
+        other => other.map_err(|error| refused(&error, paths, meshes, arguments))?,
+    };
     let blending = Instant::now();
     let Some(shapes) = shapes(arguments, &between, &stop)
         .map_err(|e| Failure::usage(e.to_string(), "take --blend linear"))?

@@ -1,42 +1,75 @@
 //! Progress of a run: a bar on a terminal, occasional lines on a pipe.
 
-use std::cell::Cell;
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::warn;
 use pliant::mesh::measures::max_or_nan;
+use pliant::progress::Progress;
 use pliant::simulation::Measures;
 use pliant::springs::rest::StepRecord;
 
-/// Number of frames between two lines on a pipe.
+/// On a pipe, a line every so many frames of muscles.
 const LINE_EVERY: usize = 50;
 
-/// Shows the progress of a run on standard error.
-pub(super) struct Progress {
+/// On a pipe, any other line about so often [s].
+const SECONDS_BETWEEN: f64 = 5.0;
+
+/// Shows how far a computation is, on standard error.
+pub(super) struct Bar {
+    /// Present on a terminal.
     bar: Option<ProgressBar>,
-    frames: usize,
+    steps: usize,
+    /// When the last line was written to a pipe.
+    said: Mutex<Instant>,
+    /// When the last frame was done.
+    last: Mutex<Instant>,
 }
 
-impl Progress {
-    /// Starts the progress of a run of `frames` frames.
-    pub(super) fn new(frames: usize) -> Self {
+impl Bar {
+    /// Of so many steps, drawn as a template of indicatif says.
+    fn new(steps: usize, template: &str) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
-            let bar = ProgressBar::new(frames as u64);
-            let style = ProgressStyle::with_template("  {bar:30} {pos}/{len}  {msg}  {eta} left");
-            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar
+            let style = ProgressStyle::with_template(template)
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            ProgressBar::new(steps as u64).with_style(style)
         });
-        Self { bar, frames }
+        Self {
+            bar,
+            steps,
+            said: Mutex::new(Instant::now()),
+            last: Mutex::new(Instant::now()),
+        }
     }
 
     /// A frame is complete.
-    pub(super) fn frame(&self, frame: usize, took: Duration, measures: &[Measures]) {
-        let due = frame.is_multiple_of(LINE_EVERY) || frame == self.frames;
+    pub(super) fn of_frames(frames: usize) -> Self {
+        Self::new(frames, "  {bar:30} {pos}/{len}  {msg}  {eta} left")
+    }
+
+    /// Of so many frames or parts that tell what they are at.
+    pub(super) fn of_parts(parts: usize) -> Self {
+        Self::new(parts, "  {bar:30} {pos}/{len}  {msg}")
+    }
+
+    /// Of a run to rest of at most so many steps.
+    pub(super) fn of_steps(steps: usize) -> Self {
+        Self::new(steps, "  {bar:30} {pos}/at most {len}  {msg}")
+    }
+
+    /// Of so many frames of several runs.
+    pub(super) fn of_runs(frames: usize) -> Self {
+        Self::new(frames, "  {bar:30} {pos}/{len} frames  {eta} left")
+    }
+
+    /// A frame of muscles is done.
+    pub(super) fn muscles(&self, frame: usize, took: Duration, measures: &[Measures]) {
+        let due = frame.is_multiple_of(LINE_EVERY) || frame == self.steps;
         if self.bar.is_none() && !due {
             return;
         }
@@ -52,49 +85,11 @@ impl Progress {
                 bar.set_message(text);
                 bar.set_position(frame as u64);
             }
-            None => warn(&format!("frame {frame}/{}  {text}", self.frames)),
+            None => warn(&format!("frame {frame}/{}  {text}", self.steps)),
         }
     }
 
     /// Removes the bar.
-    pub(super) fn end(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
-}
-
-/// A bar of `steps` steps with an indicatif template; `None` on a pipe.
-fn bar(steps: usize, template: &str) -> Option<ProgressBar> {
-    std::io::stderr().is_terminal().then(|| {
-        let style =
-            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-        ProgressBar::new(steps as u64).with_style(style)
-    })
-}
-
-/// Time between two lines on a pipe [s].
-const SECONDS_BETWEEN: f64 = 5.0;
-
-/// Shows the progress of a run to rest on standard error.
-pub(super) struct Bar {
-    bar: Option<ProgressBar>,
-    steps: usize,
-    said: Cell<Instant>,
-}
-
-impl Bar {
-    /// Starts the progress of a run of at most `steps` steps.
-    pub(super) fn new(steps: usize) -> Self {
-        let bar = bar(steps, "  {bar:30} {pos}/at most {len}  {msg}");
-        Self {
-            bar,
-            steps,
-            said: Cell::new(Instant::now()),
-        }
-    }
-
-    /// A step is complete.
     pub(super) fn step(&self, record: &StepRecord) {
         let text = || {
             format!(
@@ -102,47 +97,27 @@ impl Bar {
                 record.residual, record.energy.kinetic
             )
         };
-        if let Some(bar) = &self.bar {
-            bar.set_position(record.step as u64);
-            bar.set_message(text());
-        } else if self.said.get().elapsed().as_secs_f64() >= SECONDS_BETWEEN {
-            self.said.set(Instant::now());
-            warn(&format!(
-                "step {} of at most {}  {}",
-                record.step,
-                self.steps,
-                text()
-            ));
+        match &self.bar {
+            Some(bar) => {
+                bar.set_position(record.step as u64);
+                bar.set_message(text());
+            }
+            None => self.now_and_then(|| {
+                let (step, most) = (record.step, self.steps);
+                format!("step {step} of at most {most}  {}", text())
+            }),
         }
     }
 
     /// Removes the bar.
-    pub(super) fn end(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
-}
-
-/// Shows the progress of a run of equilibria on standard error.
-pub(super) struct Rounds {
-    bar: Option<ProgressBar>,
-    frames: usize,
-    said: Cell<Instant>,
-}
-
-impl Rounds {
-    /// Starts the progress of a run of `frames` frames.
-    pub(super) fn new(frames: usize) -> Self {
-        let bar = bar(frames, "  {bar:30} {pos}/{len}  {msg}");
-        Self {
-            bar,
-            frames,
-            said: Cell::new(Instant::now()),
+    pub(super) fn part(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.set_message(text.to_owned()),
+            None => self.now_and_then(|| text.to_owned()),
         }
     }
 
-    /// Sets the bar to `done` of `of`.
+    /// On a terminal, so many of so many are done.
     pub(super) fn reach(&self, done: usize, of: usize) {
         if let Some(bar) = &self.bar {
             bar.set_length(of as u64);
@@ -151,30 +126,39 @@ impl Rounds {
     }
 
     /// A frame is in progress.
-    pub(super) fn part(&self, text: &str) {
-        match &self.bar {
-            Some(bar) => bar.set_message(text.to_owned()),
-            None => self.now_and_then(text),
+    pub(super) fn advance(&self) {
+        if let Some(bar) = &self.bar {
+            bar.inc(1);
         }
     }
 
-    /// A frame is complete.
-    pub(super) fn frame(&self, frame: usize, took: Duration) {
+    /// A frame is done.
+    fn frame(&self, frame: usize) {
+        let took = restart(&self.last);
         match &self.bar {
             Some(bar) => bar.set_position(frame as u64),
-            None if frame == self.frames => warn(&format!("frame {frame}/{frame}")),
-            None => self.now_and_then(&format!(
-                "frame {frame}/{}  {:.1} s a frame",
-                self.frames,
-                took.as_secs_f64()
-            )),
+            None if frame == 0 => {}
+            None if frame == self.steps => warn(&format!("frame {frame}/{frame}")),
+            None => self.now_and_then(|| {
+                let seconds = took.as_secs_f64();
+                format!("frame {frame}/{}  {seconds:.1} s a frame", self.steps)
+            }),
         }
     }
 
-    fn now_and_then(&self, text: &str) {
-        if self.said.get().elapsed().as_secs_f64() >= SECONDS_BETWEEN {
-            self.said.set(Instant::now());
-            warn(text);
+    /// A line above the bar; on a pipe with what `more` adds.
+    pub(super) fn say(&self, line: &str, more: impl FnOnce() -> String) {
+        match &self.bar {
+            Some(bar) => bar.println(line),
+            None => warn(&format!("{line}{}", more())),
+        }
+    }
+
+    fn now_and_then(&self, text: impl FnOnce() -> String) {
+        let last = *self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        if last.elapsed().as_secs_f64() >= SECONDS_BETWEEN {
+            restart(&self.said);
+            warn(&text());
         }
     }
 
@@ -186,34 +170,32 @@ impl Rounds {
     }
 }
 
-/// A run of equilibria that Ctrl-C stops: shows each frame and each stage of one.
+/// Sets a clock to now; the time since it was last set.
+fn restart(clock: &Mutex<Instant>) -> Duration {
+    let mut clock = clock.lock().unwrap_or_else(PoisonError::into_inner);
+    std::mem::replace(&mut *clock, Instant::now()).elapsed()
+}
+
+/// A bar over the frames of a run that Ctrl-C stops.
 pub(super) struct Stoppable<'a> {
-    pub(super) stop: &'a AtomicBool,
-    pub(super) rounds: Rounds,
-    /// When the last frame was done.
-    last: Cell<Instant>,
+    pub(super) bar: Bar,
+    stop: &'a AtomicBool,
 }
 
 impl<'a> Stoppable<'a> {
     /// Of a run of so many frames, which the flag stops.
     pub(super) fn new(frames: usize, stop: &'a AtomicBool) -> Self {
-        Self {
-            stop,
-            rounds: Rounds::new(frames),
-            last: Cell::new(Instant::now()),
-        }
+        let bar = Bar::of_parts(frames);
+        Self { bar, stop }
     }
 }
 
-impl pliant::progress::Progress for Stoppable<'_> {
-    fn report(&self, stage: &str, done: usize, _: usize) -> ControlFlow<()> {
+impl Progress for Stoppable<'_> {
+    fn report(&self, stage: &str, done: usize, of: usize) -> ControlFlow<()> {
         if !stage.is_empty() {
-            self.rounds.part(stage);
-        } else {
-            let took = self.last.replace(Instant::now()).elapsed();
-            if done > 0 {
-                self.rounds.frame(done, took);
-            }
+            self.bar.part(stage);
+        } else if of > 0 {
+            self.bar.frame(done);
         }
         if_raised(self.stop)
     }

@@ -1,12 +1,12 @@
 //! `pliant register`: registration of one surface to another.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::failure::Failure;
 use super::morph::{name_of, nothing_written, read};
 use super::options::Output;
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{FAILED, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
@@ -106,9 +106,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ..NonRigid::default()
         }),
     };
-    let laid = match register_surfaces(&surfaces[0], &surfaces[1], &settings, &|| {
-        !stop.load(Ordering::Relaxed)
-    }) {
+    let laid = match register_surfaces(
+        &surfaces[0],
+        &surfaces[1],
+        &settings,
+        &|_: &str, _: usize, _: usize| if_raised(&stop),
+    ) {
         Err(RegisterError::Stopped) => {
             return Ok(nothing_written());
         }

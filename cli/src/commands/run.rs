@@ -13,7 +13,7 @@ use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::options::Output;
-use super::progress::{Progress, if_raised};
+use super::progress::{Bar, if_raised};
 use super::{DONE, FAILED, INTERRUPTED, environment, resume, say_json, warn};
 use crate::report::folder::Folder;
 use crate::report::output::verdict_table;
@@ -224,7 +224,7 @@ fn advance(
 ) -> Result<Summary, Failure> {
     let mut shown = Shown {
         results,
-        bar: Progress::new(simulation.scene.frames),
+        bar: Bar::of_frames(simulation.scene.frames),
     };
     let until_raised = |_: &str, _: usize, _: usize| if_raised(stop);
     let ended = simulation::run(simulation, &mut [&mut shown], &until_raised);
@@ -238,7 +238,7 @@ fn advance(
 /// Results that are gathered, and a bar that shows the measures of each frame.
 struct Shown {
     results: Results,
-    bar: Progress,
+    bar: Bar,
 }
 
 impl Observer<Simulation> for Shown {
@@ -249,7 +249,7 @@ impl Observer<Simulation> for Shown {
     fn frame(&mut self, simulation: &Simulation, took: Duration) -> ControlFlow<()> {
         let goes_on = Observer::frame(&mut self.results, simulation, took);
         self.bar
-            .frame(simulation.frame(), took, self.results.last());
+            .muscles(simulation.frame(), took, self.results.last());
         goes_on
     }
 }

@@ -247,7 +247,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let steps = arguments
         .steps
         .unwrap_or(if undamped { UNDAMPED_STEPS } else { STEPS }) as usize;
-    let bar = Bar::new(steps);
+    let bar = Bar::of_steps(steps);
     let mut nearing = Nearing::new(steps, rest);
     let settled = advance(
         arguments.adaptive,

@@ -1,17 +1,14 @@
 //! `pliant study`: all combinations of lists of values over a scene, in one table and on one sheet
 //! of pictures.
 
-use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
-use indicatif::{ProgressBar, ProgressStyle};
-
 use super::failure::Failure;
 use super::options::Output;
-use super::progress::if_raised;
+use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
 use super::{DONE, INTERRUPTED, environment, say, say_json, warn};
 use crate::report::Table;
@@ -173,7 +170,7 @@ fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
 /// Prints the progress of a study on standard error: a bar on a terminal, a line per finished run.
 struct Said {
     stop: Arc<AtomicBool>,
-    bar: Option<ProgressBar>,
+    bar: Bar,
     begun: Instant,
     runs: usize,
     done: AtomicUsize,
@@ -184,12 +181,7 @@ struct Said {
 impl Said {
     fn new(study: &Combinations, wanted: &[usize], stop: Arc<AtomicBool>) -> Self {
         let frames = wanted.iter().map(|&k| study.all[k].frames()).sum();
-        let bar = std::io::stderr().is_terminal().then(|| {
-            let bar = ProgressBar::new(frames as u64);
-            let style = ProgressStyle::with_template("  {bar:30} {pos}/{len} frames  {eta} left");
-            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar
-        });
+        let bar = Bar::of_runs(frames);
         let (runs, done, frames_done) = (wanted.len(), AtomicUsize::new(0), AtomicUsize::new(0));
         Self {
             stop,
@@ -203,9 +195,7 @@ impl Said {
     }
 
     fn end(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
+        self.bar.end();
     }
 }
 
@@ -214,9 +204,7 @@ impl Progress for Said {
         // A run reports each frame with an empty stage; its start is no frame.
         if stage.is_empty() && done > 0 {
             self.frames_done.fetch_add(1, Ordering::Relaxed);
-            if let Some(bar) = &self.bar {
-                bar.inc(1);
-            }
+            self.bar.advance();
         }
         if_raised(&self.stop)
     }
@@ -232,17 +220,11 @@ impl Said {
             outcome.status(),
             in_words(outcome.number("time_s"))
         );
-        match &self.bar {
-            Some(bar) => bar.println(text),
-            None => {
-                let (frames, elapsed) = (
-                    self.frames_done.load(Ordering::Relaxed),
-                    self.begun.elapsed().as_secs_f64(),
-                );
-                let left =
-                    elapsed * self.frames.saturating_sub(frames) as f64 / frames.max(1) as f64;
-                warn(&format!("{text}; about {} left", in_words(left)));
-            }
-        }
+        self.bar.say(&text, || {
+            let frames = self.frames_done.load(Ordering::Relaxed);
+            let elapsed = self.begun.elapsed().as_secs_f64();
+            let left = elapsed * self.frames.saturating_sub(frames) as f64 / frames.max(1) as f64;
+            format!("; about {} left", in_words(left))
+        });
     }
 }

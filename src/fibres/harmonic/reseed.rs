@@ -6,8 +6,9 @@ use rayon::prelude::*;
 use super::cells::{Cells, NONE};
 use super::field::Field;
 use super::trace::{HalfStreamline, Tracer};
-use super::{DecompositionError, Going, Reached, through, whole};
+use super::{DecompositionError, through, whole};
 use crate::fibres::polyline::length;
+use crate::progress::Progress;
 
 /// The exchange ends below this uncovered share of the volume.
 const ENOUGH: f64 = 0.0075;
@@ -24,7 +25,7 @@ const MAX_WITHOUT_GAIN: usize = 3;
 const ASKED: u8 = 0b0110_1001;
 
 /// Exchanges fibres of `points` points while this increases the covered volume, unless the
-/// uncovered share exceeds `hopeless`. Returns the uncovered share that remains.
+/// uncovered share exceeds `max_uncovered`. Returns the uncovered share that remains.
 ///
 /// # Errors
 /// The caller stopped the exchange.
@@ -34,7 +35,7 @@ pub fn reseed(
     points: usize,
     volume: f64,
     max_uncovered: f64,
-    going: Going<'_>,
+    progress: &dyn Progress,
 ) -> Result<f64, DecompositionError> {
     let cells = &tracer.field.cells;
     let lines: Vec<Vec<Point3<f64>>> = streamlines
@@ -60,11 +61,8 @@ pub fn reseed(
         && without_gain < MAX_WITHOUT_GAIN
         && cover.uncovered_share() > ENOUGH
     {
-        if !going(Reached {
-            what: "others tried",
-            done: tries,
-            of: TRIES * streamlines.len(),
-        }) {
+        let heard = progress.report("others tried", tries, TRIES * streamlines.len());
+        if heard.is_break() {
             return Err(DecompositionError::Stopped);
         }
         let seeds = cover.least_covered(&mut tried);

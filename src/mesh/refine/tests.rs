@@ -1,3 +1,4 @@
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -202,18 +203,21 @@ fn the_same_input_gives_the_same_bits() {
 fn it_can_be_stopped_wherever_it_is_and_not_being_stopped_changes_nothing() {
     let mesh = tube(0.5, 2.0, 30);
     let asked = std::cell::Cell::new(0);
-    let counted = || {
+    let counted = |_: &str, _: usize, _: usize| {
         asked.set(asked.get() + 1);
-        true
+        ControlFlow::Continue(())
     };
-    assert_eq!(refine_while(&mesh, 0.05, &counted), refine(&mesh, 0.05));
+    assert_eq!(refine_with(&mesh, 0.05, &counted), refine(&mesh, 0.05));
     let all = asked.get();
     assert!(all > 50, "asked {all} times only");
     for at in [0, 1, all / 4, all / 2, all - 2, all - 1] {
         let left = std::cell::Cell::new(at);
-        let go_on = || left.replace(left.get() - 1) > 0;
+        let progress = |_: &str, _: usize, _: usize| match left.replace(left.get() - 1) {
+            1.. => ControlFlow::Continue(()),
+            _ => ControlFlow::Break(()),
+        };
         assert_eq!(
-            refine_while(&mesh, 0.05, &go_on),
+            refine_with(&mesh, 0.05, &progress),
             Err(RefineError::Stopped),
             "after {at} of {all}"
         );

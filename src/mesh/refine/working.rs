@@ -8,6 +8,7 @@ use nalgebra::{Point3, Vector3};
 use super::ASKED;
 use crate::mesh::closest::{SurfaceTree, closest_on_triangle};
 use crate::mesh::{Topology, TriangleMesh};
+use crate::progress::Progress;
 
 const NONE: u32 = u32::MAX;
 /// A triangle is compared with parts of the original whose normal has a cosine above this value
@@ -52,8 +53,8 @@ pub(super) struct Working<'a> {
     carried: Vec<Vec<u32>>,
     /// Greatest distance of a projection [m].
     reach: f64,
-    go_on: &'a dyn Fn() -> bool,
-    /// Number of checks for cancellation.
+    progress: &'a dyn Progress,
+    /// How often it was asked whether to go on.
     asked: usize,
     stopped: bool,
 }
@@ -88,7 +89,7 @@ impl<'a> Working<'a> {
         topology: &Topology,
         original: &'a SurfaceTree,
         edge_length: f64,
-        go_on: &'a dyn Fn() -> bool,
+        progress: &'a dyn Progress,
     ) -> Self {
         let mut boundary = vec![false; mesh.vertices.len()];
         for e in topology.boundary_edges() {
@@ -109,7 +110,7 @@ impl<'a> Working<'a> {
             samples: Vec::new(),
             carried: vec![Vec::new(); mesh.triangles.len()],
             reach: edge_length,
-            go_on,
+            progress,
             asked: 0,
             stopped: false,
         };
@@ -121,7 +122,7 @@ impl<'a> Working<'a> {
     /// false.
     pub fn goes_on(&mut self) -> bool {
         if !self.stopped && self.asked.is_multiple_of(ASKED) {
-            self.stopped = !(self.go_on)();
+            self.stopped = self.progress.is_stopped();
         }
         self.asked += 1;
         !self.stopped

@@ -15,6 +15,7 @@ use nalgebra::{Point3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{RegisterError, Surface};
 use crate::mesh::measures::{max_or_nan, median};
+use crate::progress::Progress;
 use crate::solvers::sparse::Factor;
 use clusters::Clusters;
 
@@ -111,7 +112,7 @@ impl NonRigid {
         moving: &Surface<'_>,
         fixed: &Surface<'_>,
         start: &[Point3<f64>],
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<Bent, RegisterError> {
         let clusters = Clusters::new(start, &moving.mesh().triangles, self.clusters);
         let mut bending = Bending::new(moving, fixed, start, &clusters)?;
@@ -119,7 +120,7 @@ impl NonRigid {
         let (mut rounds, mut converged, mut pairs) = (0, false, 0);
         let (mut level, mut least, mut since) = (0, f64::INFINITY, 0);
         while rounds < self.rounds {
-            if !go_on() {
+            if progress.is_stopped() {
                 return Err(RegisterError::Stopped);
             }
             rounds += 1;

@@ -17,6 +17,7 @@ use super::fit::{Motion, draws_needed};
 use super::icp::Select;
 use super::{Icp, RegisterError, Surface};
 use crate::mesh::Aabb;
+use crate::progress::{Progress, Silent};
 use crate::random::Random;
 
 /// Settings of the search.
@@ -152,7 +153,7 @@ impl Ransac {
         moving: &Surface<'_>,
         fixed: &Surface<'_>,
     ) -> Result<Similarity3<f64>, RegisterError> {
-        let found = self.best(moving, fixed, &[], &|| true)?;
+        let found = self.best(moving, fixed, &[], &Silent)?;
         if found.inliers >= found.wanted {
             Ok(found.motion)
         } else {
@@ -163,19 +164,19 @@ impl Ransac {
     /// The best motion of the draws and of `others`, for any number of agreeing points.
     ///
     /// # Errors
-    /// No motion was found, or `go_on` stopped the search.
+    /// No motion was found, or `progress` stopped the search.
     pub fn best(
         &self,
         moving: &Surface<'_>,
         fixed: &Surface<'_>,
         others: &[Similarity3<f64>],
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<InitialAlignment, RegisterError> {
         let mut draws = Random::new(self.seed);
         let mut best: Option<(usize, InitialAlignment)> = None;
         for _ in 0..ATTEMPTS {
             let search = Search::new(self, moving, fixed, &mut draws);
-            let next = self.once(&search, others, &mut draws, go_on)?;
+            let next = self.once(&search, others, &mut draws, progress)?;
             let drawn = next.1.draws + best.as_ref().map_or(0, |b| b.1.draws);
             let (score, begun) = best.filter(|b| b.0 >= next.0).unwrap_or(next);
             let begun = InitialAlignment {
@@ -203,7 +204,7 @@ impl Ransac {
         search: &Search<'_>,
         others: &[Similarity3<f64>],
         draws: &mut Random,
-        go_on: &dyn Fn() -> bool,
+        progress: &dyn Progress,
     ) -> Result<(usize, InitialAlignment), RegisterError> {
         let needed = (self.patience
             * draws_needed(
@@ -215,7 +216,7 @@ impl Ransac {
         let mut best: Vec<(usize, Similarity3<f64>)> = Vec::new();
         let (mut wanted, mut count) = (needed.max(1.0) as usize, 0);
         while count < wanted {
-            if !go_on() {
+            if progress.is_stopped() {
                 return Err(RegisterError::Stopped);
             }
             count += 1;

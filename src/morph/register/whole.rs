@@ -10,6 +10,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::median;
 use crate::morph::align::rotation_of;
 use crate::morph::pose::axes;
+use crate::progress::Progress;
 
 /// Settings of a registration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -100,12 +101,12 @@ impl SurfaceRegistration {
 /// Registers `moving` to `fixed`.
 ///
 /// # Errors
-/// No start, too few pairs during the refinement, a system without solution, or a stop by `go_on`.
+/// No start, too few pairs during the refinement, a system without solution, or a stop by `progress`.
 pub fn register_surfaces(
     moving: &Surface<'_>,
     fixed: &Surface<'_>,
     settings: &Settings,
-    go_on: &dyn Fn() -> bool,
+    progress: &dyn Progress,
 ) -> Result<SurfaceRegistration, RegisterError> {
     let mut times = Times::default();
     let begun = Instant::now();
@@ -117,7 +118,7 @@ pub fn register_surfaces(
         moving,
         fixed,
         &others(moving.mesh(), fixed.mesh(), settings.motion),
-        go_on,
+        progress,
     )?;
     times.start = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
@@ -127,7 +128,7 @@ pub fn register_surfaces(
     }
     .run(moving, fixed, &start.motion)?;
     times.icp = begun.elapsed().as_secs_f64();
-    if !go_on() {
+    if progress.is_stopped() {
         return Err(RegisterError::Stopped);
     }
     let begun = Instant::now();
@@ -138,7 +139,7 @@ pub fn register_surfaces(
         .collect();
     let bent = settings
         .bending
-        .map(|how| how.run(moving, fixed, &points, go_on))
+        .map(|how| how.run(moving, fixed, &points, progress))
         .transpose()?;
     times.bend = begun.elapsed().as_secs_f64();
     if let Some(bent) = &bent {

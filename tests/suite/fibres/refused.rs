@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::fibres::attachment::{AreaSource, Attachment, AttachmentError, End};
-use pliant::fibres::harmonic::{DecompositionError, Options, decompose, decompose_while};
+use pliant::fibres::harmonic::{DecompositionError, Options, decompose, decompose_with};
 use pliant::fibres::method::{self, Method, MethodError};
 use pliant::fibres::smooth::Smoothing;
 use pliant::mesh::TriangleMesh;
@@ -179,10 +179,16 @@ fn what_is_stopped_says_so() {
         points: 15,
     };
     let asked = std::cell::Cell::new(0);
-    let free = decompose_while(&mesh, &areas, &[], options, &|reached| {
-        asked.set(asked.get() + 1);
-        reached.done <= reached.of
-    });
+    let free = decompose_with(
+        &mesh,
+        &areas,
+        &[],
+        options,
+        &|_: &str, done: usize, of: usize| {
+            asked.set(asked.get() + 1);
+            goes_on(done <= of)
+        },
+    );
     assert_eq!(
         free.expect("fibres").fibres,
         decompose(&mesh, &areas, options).expect("fibres").fibres
@@ -191,11 +197,17 @@ fn what_is_stopped_says_so() {
     // Stops at each check, with no check afterwards.
     for last in 0..asked.get() {
         let left = std::cell::Cell::new(last);
-        let stopped = decompose_while(&mesh, &areas, &[], options, &|_| {
-            assert!(left.get() >= 0, "asked again");
-            left.set(left.get() - 1);
-            left.get() >= 0
-        });
+        let stopped = decompose_with(
+            &mesh,
+            &areas,
+            &[],
+            options,
+            &|_: &str, _: usize, _: usize| {
+                assert!(left.get() >= 0, "asked again");
+                left.set(left.get() - 1);
+                goes_on(left.get() >= 0)
+            },
+        );
         assert_eq!(
             stopped.err(),
             Some(DecompositionError::Stopped),
@@ -206,16 +218,24 @@ fn what_is_stopped_says_so() {
         steps: 1_000_000,
         factor: 0.5,
     };
-    let made = method::decompose_while(
+    let made = method::decompose_with(
         &mesh,
         &areas,
         Method::Harmonic,
         options,
         smoothing,
-        &|reached| reached.what != "passes of smoothing" || reached.done < 600,
+        &|stage: &str, done: usize, _: usize| goes_on(stage != "passes of smoothing" || done < 600),
     );
     assert!(matches!(
         made,
         Err(MethodError::Flow(DecompositionError::Stopped))
     ));
+}
+
+/// What progress answers to a decomposition that goes on or not.
+fn goes_on(it_does: bool) -> std::ops::ControlFlow<()> {
+    match it_does {
+        true => std::ops::ControlFlow::Continue(()),
+        false => std::ops::ControlFlow::Break(()),
+    }
 }

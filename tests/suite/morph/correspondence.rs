@@ -20,7 +20,7 @@ fn between(
     pairs: &[[u32; 2]],
     settings: &Settings,
 ) -> Correspondence {
-    Correspondence::new([first, second], pairs, settings, &|| true)
+    Correspondence::new([first, second], pairs, settings, &pliant::progress::Silent)
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -197,7 +197,8 @@ fn pairs_meet_exactly() {
 fn what_cannot_be_brought_together_is_refused() {
     let ball = stretched(1, 1.0);
     let refused = |meshes: [&TriangleMesh; 2], pairs: &[[u32; 2]], settings: &Settings| {
-        Correspondence::new(meshes, pairs, settings, &|| true).expect_err("refused")
+        Correspondence::new(meshes, pairs, settings, &pliant::progress::Silent)
+            .expect_err("refused")
     };
     let mut out = ball.clone();
     out.triangles.iter_mut().for_each(|t| t.swap(0, 1));
@@ -252,7 +253,12 @@ fn what_cannot_be_brought_together_is_refused() {
             && error.to_string().contains("robust"),
         "{error}"
     );
-    let stopped = Correspondence::new([&ball, &ball], &[], &plain, &|| false);
+    let stopped = Correspondence::new(
+        [&ball, &ball],
+        &[],
+        &plain,
+        &|_: &str, _: usize, _: usize| std::ops::ControlFlow::Break(()),
+    );
     assert_eq!(stopped.map(|b| b.turned), Err(CorrespondenceError::Stopped));
 }
 

@@ -401,7 +401,7 @@ fn a_bent_body_is_bent_back() {
         (squares.sum::<f64>() / x.len() as f64).sqrt() / b.size()
     };
     let bent = NonRigid::default()
-        .run(&a, &b, &start, &|| true)
+        .run(&a, &b, &start, &pliant::progress::Silent)
         .expect("a bending");
     println!(
         "bent: {} rounds, from {:e} to {:e} of the size",
@@ -429,7 +429,7 @@ fn a_bent_body_is_bent_back() {
         clusters: 1,
         ..NonRigid::default()
     }
-    .run(&a, &b, &start, &|| true)
+    .run(&a, &b, &start, &pliant::progress::Silent)
     .expect("a bending");
     assert!(
         from(&one.points) > 0.5 * from(&start),
@@ -437,7 +437,9 @@ fn a_bent_body_is_bent_back() {
         from(&one.points),
         from(&start)
     );
-    let stopped = NonRigid::default().run(&a, &b, &start, &|| false);
+    let stopped = NonRigid::default().run(&a, &b, &start, &|_: &str, _: usize, _: usize| {
+        std::ops::ControlFlow::Break(())
+    });
     assert_eq!(stopped.map(|b| b.rounds), Err(RegisterError::Stopped));
 }
 

@@ -25,7 +25,12 @@ fn orders(at: &[(f64, f64)]) -> Vec<ImplantSpec> {
 }
 
 fn groups(at: &[(f64, f64)]) -> Result<Vec<Group>, (usize, SkinError)> {
-    grouped(&sheet(80, 0.2), &orders(at), |_| Vec::new(), &|| true)
+    grouped(
+        &sheet(80, 0.2),
+        &orders(at),
+        |_| Vec::new(),
+        &pliant::progress::Silent,
+    )
 }
 
 fn settled(ready: &PreparedPatch) -> Inserted {
@@ -163,7 +168,8 @@ fn no_skin_is_in_two_groups() {
             order(0.03, -0.05, 0.03),
             order(0.07, y, 0.03),
         ];
-        let groups = grouped(&skin, &all, |_| Vec::new(), &|| true).expect("regions");
+        let groups =
+            grouped(&skin, &all, |_| Vec::new(), &pliant::progress::Silent).expect("regions");
         let mut owners = vec![0; skin.triangles.len()];
         for (ready, _) in &groups {
             let mut inside = vec![1; skin.triangles.len()];

@@ -39,7 +39,7 @@ pub(super) fn run(
     };
     let said = Stoppable::new(scenario.frames(), stop);
     let ended = perform(scenario, Folder::open(&out)?, &wanted, &said)?;
-    said.rounds.end();
+    said.bar.end();
     if arguments.output.printing.json {
         say_json(&ended.summary);
     }
