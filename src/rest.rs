@@ -14,6 +14,36 @@ pub enum End {
 }
 
 /// A body on its way to rest.
+///
+/// ```
+/// use pliant::rest::{End, Relax, all_within, relax};
+/// use std::convert::Infallible;
+///
+/// /// The root of 2 by Newton's method.
+/// struct Root {
+///     x: f64,
+///     steps: usize,
+/// }
+///
+/// impl Relax for Root {
+///     type Error = Infallible;
+///     fn judge(&mut self) -> Result<bool, Infallible> {
+///         Ok(all_within([((self.x * self.x - 2.0).abs(), 1e-12)]))
+///     }
+///     fn steps(&self) -> usize {
+///         self.steps
+///     }
+///     fn advance(&mut self) -> Result<bool, Infallible> {
+///         self.x = 0.5 * (self.x + 2.0 / self.x);
+///         self.steps += 1;
+///         Ok(true)
+///     }
+/// }
+///
+/// let mut root = Root { x: 1.0, steps: 0 };
+/// assert_eq!(relax(&mut root, 10, |_| true), Ok(End::Rest));
+/// assert_eq!(root.steps, 5);
+/// ```
 pub trait Relax {
     /// Failure of a step.
     type Error;

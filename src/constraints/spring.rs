@@ -5,6 +5,35 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::stencil::{Blocks, Stencil, Stencils};
 
 /// Tension of a spring as a function of its length.
+///
+/// ```
+/// use nalgebra::{Point3, Vector3};
+/// use pliant::constraints::spring::{Between, Spring, SpringLaw};
+/// use pliant::constraints::{Potential, Stencils};
+///
+/// /// A spring without rest length whose tension grows with the cube of its length, 1 N at 1 m.
+/// #[derive(Clone, Copy)]
+/// struct Cubic;
+///
+/// impl SpringLaw for Cubic {
+///     fn energy(&self, length: f64) -> f64 {
+///         length.powi(4) / 4.0
+///     }
+///     fn tension(&self, length: f64) -> f64 {
+///         length.powi(3)
+///     }
+///     fn slope(&self, length: f64) -> f64 {
+///         3.0 * length.powi(2)
+///     }
+/// }
+///
+/// let spring = Spring { arm: Between([0, 1]), law: Cubic };
+/// let part = Stencils::new("cubic springs", vec![spring]);
+/// let x = [Point3::origin(), Point3::new(2.0, 0.0, 0.0)];
+/// let mut gradient = [Vector3::zeros(); 2];
+/// assert_eq!(part.energy_and_gradient(&x, &mut gradient), 4.0);
+/// assert_eq!(gradient, [Vector3::x() * -8.0, Vector3::x() * 8.0]);
+/// ```
 pub trait SpringLaw: Copy + Send + Sync + 'static {
     /// Stored energy [J] at a length [m].
     fn energy(&self, length: f64) -> f64;

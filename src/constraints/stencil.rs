@@ -12,6 +12,35 @@ pub type Blocks<const K: usize> = [[Matrix3<f64>; K]; K];
 ///
 /// `None` stands for a term without energy and forces at these positions: a contact that is open, an edge without
 /// extent.
+///
+/// ```
+/// use nalgebra::{Matrix3, Point3, Vector3};
+/// use pliant::constraints::stencil::Blocks;
+/// use pliant::constraints::{Potential, Stencil, Stencils};
+///
+/// /// A spring of 2 N/m that pulls a vertex down to the ground.
+/// #[derive(Clone, Copy)]
+/// struct Ground(u32);
+///
+/// impl Stencil<1> for Ground {
+///     fn points(&self) -> [u32; 1] {
+///         [self.0]
+///     }
+///     fn energy_and_gradient(&self, x: &[Point3<f64>; 1]) -> Option<(f64, [Vector3<f64>; 1])> {
+///         let height = x[0].z;
+///         Some((height * height, [Vector3::z() * (2.0 * height)]))
+///     }
+///     fn hessian(&self, _: &[Point3<f64>; 1], _: bool) -> Option<Blocks<1>> {
+///         Some([[Matrix3::from_diagonal(&(Vector3::z() * 2.0))]])
+///     }
+///     fn scalar_hessian(&self, _: &[Point3<f64>; 1]) -> Option<[[f64; 1]; 1]> {
+///         Some([[2.0]])
+///     }
+/// }
+///
+/// let part = Stencils::new("ground", vec![Ground(0)]);
+/// assert_eq!(part.energy(&[Point3::new(1.0, 2.0, 3.0)]), 9.0);
+/// ```
 pub trait Stencil<const K: usize>: Copy + Send + Sync + 'static {
     /// The vertices it acts on.
     fn points(&self) -> [u32; K];
