@@ -10,7 +10,7 @@ use crate::simulation::plan::MusclePlan;
 use crate::solvers::Held;
 use crate::state::{Corrupt, Hash, Reader, Value, Writer};
 
-/// Hashes of all that a simulation was made from: settings, motions, contents of meshes whatever their files are called,
+/// Hashes of all that a simulation was made from: the library, settings, motions, contents of meshes whatever their files are called,
 /// and what the plan foresaw. The number of frames is no part: a run may be made longer.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint(Vec<(String, u128)>);
@@ -35,6 +35,7 @@ impl Fingerprint {
             accuracy: _,
             origin: _,
         } = &simulation.scene;
+        print.add("the library".to_owned(), &crate::DIGEST);
         print.add("the name of the scene".to_owned(), name);
         print.add("`frame_rate`".to_owned(), frame_rate);
         print.add("`effects`".to_owned(), effects);
