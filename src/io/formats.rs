@@ -241,6 +241,14 @@ pub static FORMATS: [FormatSpec; 8] = [
     },
 ];
 
+impl FormatSpec {
+    /// Whether meshes can be written in the format.
+    #[must_use]
+    pub fn is_written(&self) -> bool {
+        self.write.is_some()
+    }
+}
+
 impl Format {
     /// Its declaration.
     #[must_use]
@@ -282,7 +290,7 @@ pub(super) fn readable() -> String {
 #[must_use]
 pub fn writable() -> String {
     let mut endings = Vec::new();
-    for spec in FORMATS.iter().filter(|spec| spec.write.is_some()) {
+    for spec in FORMATS.iter().filter(|spec| spec.is_written()) {
         endings.push(format!(".{}", spec.ending));
     }
     endings.sort();

@@ -72,6 +72,33 @@ pub enum Question {
     Equilibrium,
 }
 
+/// A setting of a solver, to be read and changed.
+enum Setting<'a> {
+    Number(&'a mut f64),
+    Whole(&'a mut u32),
+    Order(&'a mut Order),
+}
+
+impl Setting<'_> {
+    fn value(&self) -> KeyValue {
+        match self {
+            Self::Number(number) => KeyValue::Number(**number),
+            Self::Whole(number) => KeyValue::Whole(**number),
+            Self::Order(order) => KeyValue::Order(**order),
+        }
+    }
+
+    /// Takes a value of its own kind.
+    fn set(self, value: KeyValue) {
+        match (self, value) {
+            (Self::Number(to), KeyValue::Number(number)) => *to = number,
+            (Self::Whole(to), KeyValue::Whole(number)) => *to = number,
+            (Self::Order(to), KeyValue::Order(order)) => *to = order,
+            _ => {}
+        }
+    }
+}
+
 /// The declaration of a solver.
 #[derive(Debug)]
 pub struct SolverSpec {
@@ -88,9 +115,8 @@ pub struct SolverSpec {
     /// What it answers; `None` for a solver that minimises no energy.
     pub question: Option<Question>,
     pub(super) schema: Schema,
-    /// The values of `keys`; `None` for the settings of another solver.
-    values: fn(&Solver) -> Option<Vec<KeyValue>>,
-    set: fn(&mut Solver, &[KeyValue]),
+    /// The settings of `keys`; `None` for another solver.
+    settings: fn(&mut Solver) -> Option<Vec<Setting<'_>>>,
     /// Settings that an accuracy study tries, the cheap ones first, for a scene with the given solver.
     candidates: fn(&Solver) -> Vec<Solver>,
 }
@@ -110,33 +136,14 @@ pub static SOLVERS: [SolverSpec; 4] = [
         }),
         question: Some(Question::Motion),
         schema: Schema::Keys(XPBD),
-        values: |solver| match solver {
+        settings: |solver| match solver {
             Solver::Xpbd(s) => Some(vec![
-                KeyValue::Whole(s.substeps),
-                KeyValue::Whole(s.iterations),
-                KeyValue::Number(s.tolerance),
-                KeyValue::Order(s.order),
+                Setting::Whole(&mut s.substeps),
+                Setting::Whole(&mut s.iterations),
+                Setting::Number(&mut s.tolerance),
+                Setting::Order(&mut s.order),
             ]),
             _ => None,
-        },
-        set: |solver, values| {
-            if let (
-                Solver::Xpbd(s),
-                &[
-                    KeyValue::Whole(substeps),
-                    KeyValue::Whole(iterations),
-                    KeyValue::Number(tolerance),
-                    KeyValue::Order(order),
-                ],
-            ) = (solver, values)
-            {
-                *s = Xpbd {
-                    substeps,
-                    iterations,
-                    order,
-                    tolerance,
-                };
-            }
         },
         candidates: small_steps,
     },
@@ -157,45 +164,18 @@ pub static SOLVERS: [SolverSpec; 4] = [
         }),
         question: None,
         schema: Schema::Keys(PBD),
-        values: |solver| match solver {
+        settings: |solver| match solver {
             Solver::Pbd(s) => Some(vec![
-                KeyValue::Whole(s.substeps),
-                KeyValue::Whole(s.iterations),
-                KeyValue::Number(s.tolerance),
-                KeyValue::Order(s.order),
-                KeyValue::Number(s.stretch),
-                KeyValue::Number(s.bending),
-                KeyValue::Number(s.volume),
-                KeyValue::Number(s.velocity_damping),
+                Setting::Whole(&mut s.substeps),
+                Setting::Whole(&mut s.iterations),
+                Setting::Number(&mut s.tolerance),
+                Setting::Order(&mut s.order),
+                Setting::Number(&mut s.stretch),
+                Setting::Number(&mut s.bending),
+                Setting::Number(&mut s.volume),
+                Setting::Number(&mut s.velocity_damping),
             ]),
             _ => None,
-        },
-        set: |solver, values| {
-            if let (
-                Solver::Pbd(s),
-                &[
-                    KeyValue::Whole(substeps),
-                    KeyValue::Whole(iterations),
-                    KeyValue::Number(tolerance),
-                    KeyValue::Order(order),
-                    KeyValue::Number(stretch),
-                    KeyValue::Number(bending),
-                    KeyValue::Number(volume),
-                    KeyValue::Number(velocity_damping),
-                ],
-            ) = (solver, values)
-            {
-                *s = Pbd {
-                    substeps,
-                    iterations,
-                    stretch,
-                    bending,
-                    volume,
-                    velocity_damping,
-                    order,
-                    tolerance,
-                };
-            }
         },
         candidates: |_| Vec::new(),
     },
@@ -207,14 +187,9 @@ pub static SOLVERS: [SolverSpec; 4] = [
         default: Solver::QuasiStatic(TO_TOLERANCE),
         question: Some(Question::Equilibrium),
         schema: Schema::Keys(MINIMISATION),
-        values: |solver| match solver {
-            Solver::QuasiStatic(s) => Some(s.values()),
+        settings: |solver| match solver {
+            Solver::QuasiStatic(s) => Some(s.settings()),
             _ => None,
-        },
-        set: |solver, values| {
-            if let Solver::QuasiStatic(s) = solver {
-                s.set(values);
-            }
         },
         candidates: equilibria,
     },
@@ -226,14 +201,9 @@ pub static SOLVERS: [SolverSpec; 4] = [
         default: Solver::ImplicitEuler(TO_TOLERANCE),
         question: Some(Question::Motion),
         schema: Schema::Keys(MINIMISATION),
-        values: |solver| match solver {
-            Solver::ImplicitEuler(s) => Some(s.values()),
+        settings: |solver| match solver {
+            Solver::ImplicitEuler(s) => Some(s.settings()),
             _ => None,
-        },
-        set: |solver, values| {
-            if let Solver::ImplicitEuler(s) = solver {
-                s.set(values);
-            }
         },
         candidates: implicit_steps,
     },
@@ -309,8 +279,18 @@ impl SolverSpec {
     /// The solver whose settings have these values, in the order of [`SolverSpec::keys`].
     pub(super) fn with(&self, values: &[KeyValue]) -> Solver {
         let mut solver = self.default;
-        (self.set)(&mut solver, values);
+        let settings = (self.settings)(&mut solver).unwrap_or_default();
+        for (setting, value) in settings.into_iter().zip(values) {
+            setting.set(*value);
+        }
         solver
+    }
+
+    /// The values of the settings of a solver; `None` for another solver.
+    fn values(&self, solver: &Solver) -> Option<Vec<KeyValue>> {
+        let mut solver = *solver;
+        let settings = (self.settings)(&mut solver)?;
+        Some(settings.iter().map(Setting::value).collect())
     }
 
     /// The declaration of the solver with a key.
@@ -332,7 +312,7 @@ impl Solver {
     pub fn spec(&self) -> &'static SolverSpec {
         SOLVERS
             .iter()
-            .find(|spec| (spec.values)(self).is_some())
+            .find(|spec| spec.values(self).is_some())
             .unwrap_or(&SOLVERS[0])
     }
 
@@ -340,7 +320,7 @@ impl Solver {
     #[must_use]
     pub fn settings(&self) -> Vec<(&'static KeySpec, KeyValue)> {
         let spec = self.spec();
-        let values = (spec.values)(self).unwrap_or_default();
+        let values = spec.values(self).unwrap_or_default();
         spec.keys.iter().zip(values).collect()
     }
 
@@ -456,27 +436,12 @@ impl Question {
 }
 
 impl Minimisation {
-    fn values(&self) -> Vec<KeyValue> {
+    fn settings(&mut self) -> Vec<Setting<'_>> {
         vec![
-            KeyValue::Whole(self.substeps),
-            KeyValue::Whole(self.iterations),
-            KeyValue::Number(self.tolerance),
+            Setting::Whole(&mut self.substeps),
+            Setting::Whole(&mut self.iterations),
+            Setting::Number(&mut self.tolerance),
         ]
-    }
-
-    fn set(&mut self, values: &[KeyValue]) {
-        if let &[
-            KeyValue::Whole(substeps),
-            KeyValue::Whole(iterations),
-            KeyValue::Number(tolerance),
-        ] = values
-        {
-            *self = Self {
-                substeps,
-                iterations,
-                tolerance,
-            };
-        }
     }
 }
 
@@ -544,7 +509,7 @@ mod tests {
     #[test]
     fn every_solver_gives_back_the_values_it_takes() {
         for spec in &SOLVERS {
-            let values = (spec.values)(&spec.default).expect("its own settings");
+            let values = spec.values(&spec.default).expect("its own settings");
             assert_eq!(values.len(), spec.keys.len(), "{}", spec.key);
             let mut others = values.clone();
             for value in &mut others {
@@ -556,10 +521,11 @@ mod tests {
                 }
             }
             let other = spec.with(&others);
-            assert_eq!((spec.values)(&other), Some(others), "{}", spec.key);
+            assert_eq!(spec.values(&other), Some(others), "{}", spec.key);
             assert!(std::ptr::eq(other.spec(), spec), "{}", spec.key);
             // Control: values of other kinds change nothing, which the comparison above would show.
-            assert_eq!(spec.with(&values[1..]), spec.default, "{}", spec.key);
+            let vectors = vec![KeyValue::Vector(nalgebra::Vector3::zeros()); values.len()];
+            assert_eq!(spec.with(&vectors), spec.default, "{}", spec.key);
             for candidate in (spec.candidates)(&SOLVERS[1].default) {
                 assert!(std::ptr::eq(candidate.spec(), spec), "{}", spec.key);
             }

@@ -10,7 +10,7 @@ use crate::simulation::plan::MusclePlan;
 use crate::solvers::Held;
 use crate::state::{DecodeError, Hash, Reader, Value, Writer};
 
-/// Hashes of all inputs of a simulation: settings, motions, contents of meshes (not their file
+/// Hashes of all inputs of a simulation: the library, settings, motions, contents of meshes (not their file
 /// names), and the plan. The number of frames is not included: a run can become longer.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint(Vec<(String, u128)>);
@@ -35,6 +35,7 @@ impl Fingerprint {
             accuracy: _,
             origin: _,
         } = &simulation.scene;
+        print.add("the library".to_owned(), &crate::DIGEST);
         print.add("the name of the scene".to_owned(), name);
         print.add("`frame_rate`".to_owned(), frame_rate);
         print.add("`effects`".to_owned(), effects);
