@@ -4,17 +4,21 @@
 //! keys; a value is what would stand behind the `=` of `--set`, numbers, lists and tables as TOML has them, all else
 //! as a text: `"off"`, `"1 mm"`, `"pbd"`.
 
+mod combine;
+
 use std::path::Path;
 
 use super::Content;
 use super::builtin::{self, Written};
 use super::error::{Problem, SceneError};
 use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknown_name};
-use super::paths::{Variables, no_variables};
+use super::paths::Variables;
 use super::reader::{Context, Item, Section};
 use super::schema::{Kind, Schema};
 use super::spelling::{shown, shown_path};
 use super::tree::{self, Node, Sources, Span, Table, Value};
+
+pub use combine::Combine;
 
 /// Most combinations of one study, references not counted.
 pub const MOST_COMBINATIONS: usize = 10_000;
@@ -37,29 +41,6 @@ const STUDY: Schema = Schema {
 
 /// Not looked at: which keys there are is the scene's matter.
 const ANY: Schema = Schema { keys: &[] };
-
-/// How lists of values become combinations.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Combine {
-    /// Every value of a list with every value of the others.
-    #[default]
-    All,
-    /// The scene with its fixed changes, and each value of each list alone.
-    OneAtATime,
-}
-
-impl Combine {
-    /// All of them, as a study file names them.
-    pub const ALL: [Self; 2] = [Self::All, Self::OneAtATime];
-
-    /// As a study file names it.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::OneAtATime => "one at a time",
-        }
-    }
-}
 
 /// One change of the scene, `KEY=VALUE` as behind `--set`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -153,24 +134,14 @@ impl StudyFile {
             .parent()
             .filter(|f| !f.as_os_str().is_empty())
             .unwrap_or(Path::new("."));
-        Self::parse_with(&text, path, folder, more, measures, variables)
+        Self::parse(&text, path, folder, more, measures, variables)
     }
 
-    /// As [`Self::read`], of a text; `folder` is where the path of the scene begins. No path begins with a variable.
+    /// As [`Self::read`], of a text; `folder` is where the path of the scene begins.
     ///
     /// # Errors
     /// The first thing that is wrong, with its place.
     pub fn parse(
-        text: &str,
-        path: &str,
-        folder: &Path,
-        more: &[String],
-        measures: &[&str],
-    ) -> Read<Self> {
-        Self::parse_with(text, path, folder, more, measures, no_variables)
-    }
-
-    fn parse_with(
         text: &str,
         path: &str,
         folder: &Path,
