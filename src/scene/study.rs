@@ -4,17 +4,21 @@
 //! quotes or as dotted keys. A value is the text after the `=` of `--set`: numbers, lists and
 //! tables as in TOML, anything else as a text: `"off"`, `"1 mm"`, `"pbd"`.
 
+mod combine;
+
 use std::path::Path;
 
 use super::Content;
 use super::builtin::{self, Written};
 use super::error::{Problem, SceneError};
 use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknown_name};
-use super::paths::{Variables, no_variables};
+use super::paths::Variables;
 use super::reader::{Context, Item, Section};
 use super::schema::{Kind, Schema};
 use super::spelling::{shown, shown_path};
 use super::tree::{self, Node, Sources, Span, Table, Value};
+
+pub use combine::Combine;
 
 /// Greatest number of combinations of a study, without references.
 pub const MOST_COMBINATIONS: usize = 10_000;
@@ -35,29 +39,6 @@ const STUDY: Schema = Schema::Listed(&[
 
 /// Not checked here: the scene decides which keys exist.
 const ANY: Schema = Schema::Listed(&[]);
-
-/// Rule to combine lists of values.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Combine {
-    /// Every value of a list with every value of the others.
-    #[default]
-    All,
-    /// The scene with its fixed changes, and each value of each list separately.
-    OneAtATime,
-}
-
-impl Combine {
-    /// All rules, in the order of their names in a study file.
-    pub const ALL: [Self; 2] = [Self::All, Self::OneAtATime];
-
-    /// Name in a study file.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::All => "all",
-            Self::OneAtATime => "one at a time",
-        }
-    }
-}
 
 /// One change of the scene, `KEY=VALUE` as after `--set`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -150,7 +131,7 @@ impl StudyFile {
             .parent()
             .filter(|f| !f.as_os_str().is_empty())
             .unwrap_or(Path::new("."));
-        Self::parse_with(&text, path, folder, more, measures, variables)
+        Self::parse(&text, path, folder, more, measures, variables)
     }
 
     /// The same as [`Self::read`] from a text; `folder` is the start of the scene's path.
@@ -158,16 +139,6 @@ impl StudyFile {
     /// # Errors
     /// The first error with its place.
     pub fn parse(
-        text: &str,
-        path: &str,
-        folder: &Path,
-        more: &[String],
-        measures: &[&str],
-    ) -> Read<Self> {
-        Self::parse_with(text, path, folder, more, measures, no_variables)
-    }
-
-    fn parse_with(
         text: &str,
         path: &str,
         folder: &Path,

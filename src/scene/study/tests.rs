@@ -1,4 +1,5 @@
 use super::*;
+use crate::scene::no_variables;
 
 const HEAD: &str = "scene = \"distance\"\n";
 
@@ -9,6 +10,7 @@ fn read(text: &str) -> Read<StudyFile> {
         Path::new("."),
         &[],
         &["time_s", "volume_error"],
+        no_variables,
     )
 }
 
@@ -60,7 +62,8 @@ fn changes_apply_in_the_order_set_command_line_vary() {
         "{HEAD}[set]\nframes = 20\niterations = 5\n[vary]\n\"solver.pbd.stretch\" = [0.5, 1]\n"
     );
     let more = ["frames=30".to_owned()];
-    let study = StudyFile::parse(&text, "s.toml", Path::new("."), &more, &[]).unwrap();
+    let study =
+        StudyFile::parse(&text, "s.toml", Path::new("."), &more, &[], no_variables).unwrap();
     let scene = study.scene_with(&[&study.vary[0].values[0]]).unwrap();
     let crate::scene::Content::Muscles(scene) = scene else {
         panic!()
@@ -75,10 +78,11 @@ fn changes_apply_in_the_order_set_command_line_vary() {
     let alone = format!("combine = \"one at a time\"\n{text}")
         .replace("iterations = 5", "solver.pbd.stretch = 0.2");
     assert!(
-        StudyFile::parse(&alone, "s.toml", Path::new("."), &more, &[]).is_ok(),
+        StudyFile::parse(&alone, "s.toml", Path::new("."), &more, &[], no_variables).is_ok(),
         "there it is that of the base"
     );
-    let error = StudyFile::parse(&text, "s.toml", Path::new("."), &more, &[]).unwrap_err();
+    let error =
+        StudyFile::parse(&text, "s.toml", Path::new("."), &more, &[], no_variables).unwrap_err();
     assert!(
         error.terse().contains("error[E053]")
             && error
