@@ -4,6 +4,22 @@ use std::fs;
 
 use crate::sources;
 
+/// The end of a block comment, which may hold others.
+fn after_comment(text: &[char], mut k: usize) -> usize {
+    let mut depth = 0;
+    while k + 1 < text.len() {
+        match (text[k], text[k + 1]) {
+            ('/', '*') => (depth, k) = (depth + 1, k + 2),
+            ('*', '/') => (depth, k) = (depth - 1, k + 2),
+            _ => k += 1,
+        }
+        if depth == 0 {
+            return k;
+        }
+    }
+    text.len()
+}
+
 /// The string literals of a Rust source with their lines, comments left out.
 fn literals(source: &str) -> Vec<(usize, String)> {
     let text: Vec<char> = source.chars().collect();
@@ -17,19 +33,7 @@ fn literals(source: &str) -> Vec<(usize, String)> {
                     k += 1;
                 }
             }
-            '/' if at(k + 1) == '*' => {
-                let mut depth = 0;
-                loop {
-                    match (at(k), at(k + 1)) {
-                        ('/', '*') => (depth, k) = (depth + 1, k + 2),
-                        ('*', '/') => (depth, k) = (depth - 1, k + 2),
-                        _ => k += 1,
-                    }
-                    if depth == 0 || k >= text.len() {
-                        break;
-                    }
-                }
-            }
+            '/' if at(k + 1) == '*' => k = after_comment(&text, k),
             'r' if at(k + 1) == '"' || (at(k + 1) == '#' && "\"#".contains(at(k + 2))) => {
                 let mut hashes = 0;
                 while at(k + 1 + hashes) == '#' {

@@ -201,9 +201,19 @@ impl Observer<Running> for Written<'_> {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let begun = Instant::now();
-    let sweep = Sweep {
+/// The sweep that is described.
+fn sweep(arguments: &Arguments) -> Result<Sweep, Failure> {
+    if u64::from(arguments.count) * u64::from(arguments.points) > MOST_POINTS {
+        let message = format!(
+            "{} fibres of {} points are too many to carry",
+            arguments.count, arguments.points
+        );
+        return Err(Failure::usage(
+            message,
+            format!("give --count and --points whose product is at most {MOST_POINTS}"),
+        ));
+    }
+    Ok(Sweep {
         joint: arguments.joint.clone(),
         axis: arguments.axis,
         from: angle("from", &arguments.from)?,
@@ -219,17 +229,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         } else {
             By::Scene
         },
-    };
-    if u64::from(arguments.count) * u64::from(arguments.points) > MOST_POINTS {
-        let message = format!(
-            "{} fibres of {} points are too many to carry",
-            arguments.count, arguments.points
-        );
-        return Err(Failure::usage(
-            message,
-            format!("give --count and --points whose product is at most {MOST_POINTS}"),
-        ));
-    }
+    })
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
+    let sweep = sweep(arguments)?;
     let tables = arguments
         .compare
         .iter()

@@ -195,12 +195,10 @@ impl Summary {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    arguments.output.threads.start();
-    let stop = stop_on_interrupt("stopping after this step");
-    let begun = Instant::now();
-    let mut built = match (&arguments.file, arguments.lattice) {
-        (Some(file), _) => Built::of_file(file, arguments.mass)?,
+/// The system that is described.
+fn built(arguments: &Arguments) -> Result<Built, Failure> {
+    match (&arguments.file, arguments.lattice) {
+        (Some(file), _) => Built::of_file(file, arguments.mass),
         (None, Some(sides)) => {
             let neighbours = arguments.neighbours.unwrap_or(Neighbours::Six);
             Built::of_lattice(
@@ -208,13 +206,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
                 neighbours,
                 arguments.side.unwrap_or(1.0),
                 arguments.mass,
-            )?
+            )
         }
         (None, None) => {
             let hint = "name a file, as examples/lattice-5x5x5.springs, or give --lattice 10x10x10";
-            return Err(Failure::usage("nothing to run", hint));
+            Err(Failure::usage("nothing to run", hint))
         }
-    };
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    arguments.output.threads.start();
+    let stop = stop_on_interrupt("stopping after this step");
+    let begun = Instant::now();
+    let mut built = built(arguments)?;
     let estimate = built.estimate();
     built.system.damping = match arguments.damping.or(estimate) {
         Some(damping) => damping,

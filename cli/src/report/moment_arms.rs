@@ -246,16 +246,6 @@ pub fn output<'a>(
     series: Collection,
     pictures: &[(String, Frame)],
 ) -> Result<RunOutput<'a>, PictureError> {
-    let picture = |(k, (caption, frame)): (usize, &(String, Frame))| {
-        Ok(Picture {
-            file: format!("picture_{k}.png"),
-            caption: caption.clone(),
-            bytes: frame.to_png()?,
-            wide: false,
-        })
-    };
-    let pictures: Result<Vec<Picture>, PictureError> =
-        pictures.iter().enumerate().map(picture).collect();
     let of_muscle = |a: &Arms| Plot {
         file: Some(format!("{}.svg", file_name(&a.name))),
         plot: plot(a),
@@ -292,7 +282,7 @@ pub fn output<'a>(
         tables,
         plots_title: "Over the angle".to_owned(),
         plots: arms.iter().map(of_muscle).chain([lengths]).collect(),
-        pictures: pictures?,
+        pictures: encoded(pictures)?,
         explanations: explanations(swept.by),
         data: vec![means(arms), each(arms)],
         files: vec![OutputFile::new("fibres.pvd", move |path| {
@@ -300,6 +290,19 @@ pub fn output<'a>(
         })],
         ..RunOutput::default()
     })
+}
+
+/// Pictures as files.
+fn encoded(pictures: &[(String, Frame)]) -> Result<Vec<Picture>, PictureError> {
+    let picture = |(k, (caption, frame)): (usize, &(String, Frame))| {
+        Ok(Picture {
+            file: format!("picture_{k}.png"),
+            caption: caption.clone(),
+            bytes: frame.to_png()?,
+            wide: false,
+        })
+    };
+    pictures.iter().enumerate().map(picture).collect()
 }
 
 /// Whether each muscle was moved through all angles.

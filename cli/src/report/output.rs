@@ -316,7 +316,7 @@ impl RunOutput<'_> {
         for table in self.tables.iter().take(self.tables_of_text) {
             text += &format!("\n{}", table.to_text());
         }
-        if self.tables_of_text > 0 {
+        if !self.findings.is_empty() || !self.notes.is_empty() {
             text.push('\n');
         }
         for found in &self.findings {

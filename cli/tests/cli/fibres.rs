@@ -253,7 +253,7 @@ fn areas_in_all_their_forms() {
             "{origin}: {}",
             text(&done.stderr)
         );
-        serde_json::from_slice::<Value>(&done.stdout).expect("JSON")
+        measures(&serde_json::from_slice::<Value>(&done.stdout).expect("JSON"))
     };
     for origin in [
         format!("vertices:{}", shown(&listed)),

@@ -1,0 +1,252 @@
+//! Tables, the plot and the CSV file of skin over implants.
+
+use super::{Insertion, Point, Single};
+use crate::report::output::DataFile;
+use crate::report::plot::LinePlot;
+use crate::report::table::Table;
+use pliant::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
+use pliant::skin::{Areas, Interval};
+
+/// Decimals of an area in cm2 that rests on a published span of a gain [m^2]: two digits of the gain at most.
+fn decimals(gain: f64) -> usize {
+    match (gain * 1e4).abs() {
+        gain if gain >= 10.0 => 0,
+        gain if gain >= 1.0 => 1,
+        _ => 2,
+    }
+}
+
+/// A cell of the table of implants.
+type Cell = fn(&Single<'_>) -> String;
+
+/// The rows of the table of implants, which has a column for each.
+const ROWS: [(&str, Cell); 11] = [
+    ("shape", |one| one.order.implant.shape.name().to_owned()),
+    ("base [cm]", |one| {
+        format!("{:.1}", one.order.implant.base * 1e2)
+    }),
+    ("volume [cc]", |one| format!("{:.1}", one.volume() * 1e6)),
+    ("vertices", |one| (2 * one.ready.layers.count()).to_string()),
+    ("triangles", |one| {
+        (2 * one.ready.layers.triangles.len()).to_string()
+    }),
+    ("springs", |one| one.ready.layers.springs.len().to_string()),
+    ("steps", |one| one.done.progress.iterations.to_string()),
+    ("residual", |one| {
+        format!("{:.1e}", one.done.progress.residual)
+    }),
+    ("depth in each other [mm]", |one| {
+        format!("{:.3}", one.done.progress.depth * 1e3)
+    }),
+    ("pressure [kPa]", |one| {
+        format!("{:.2}", one.pressure() * 1e-3)
+    }),
+    ("at rest", |one| one.done.progress.rest().to_owned()),
+];
+
+impl Insertion<'_> {
+    /// What a surgeon reads.
+    pub fn table(&self) -> Table {
+        let areas = self.areas();
+        let mut table = Table::new("Areas and volumes", ["what", "value", "gain", "source"]);
+        let few = decimals(areas.gain());
+        let more = few + 1;
+        let cm2 = |m2: f64| format!("{:.more$}", m2 * 1e4);
+        let gained = |m2: f64| format!("{:+.more$}", (m2 - areas.before) * 1e4);
+        let span = |i: Interval| format!("{:.few$} to {:.few$}", i.low * 1e4, i.high * 1e4);
+        let span_gained = |i: Interval| {
+            format!(
+                "{:+.few$} to {:+.few$}",
+                (i.low - areas.before) * 1e4,
+                (i.high - areas.before) * 1e4
+            )
+        };
+        let mut row = |what: &str, value: String, gain: String, source: &str| {
+            table.row([what.to_owned(), value, gain, source.to_owned()]);
+        };
+        row(
+            "area before [cm2]",
+            cm2(areas.before),
+            String::new(),
+            "the mesh",
+        );
+        row(
+            "area deformed [cm2]",
+            cm2(areas.deformed),
+            gained(areas.deformed),
+            "equilibrium: an upper bound",
+        );
+        if let Some(off) = self.gain_uncertainty() {
+            let off = format!("±{:.more$}", off * 1e4);
+            row(
+                "   of it uncertain by the mesh [cm2]",
+                String::new(),
+                off,
+                "changed by so much from edges twice as long",
+            );
+        }
+        row(
+            "area retracted [cm2]",
+            span(areas.retracted),
+            span_gained(areas.retracted),
+            RETRACTED_SOURCE,
+        );
+        row(
+            "area grown [cm2]",
+            span(areas.grown),
+            span_gained(areas.grown),
+            GROWN_SOURCE,
+        );
+        let cc = |m3: f64| format!("{:.1}", m3 * 1e6);
+        row(
+            "volume of implants [cc]",
+            cc(self.volume()),
+            String::new(),
+            "kept exactly",
+        );
+        row(
+            "volume difference of the region [cc]",
+            cc(areas.volume_difference),
+            String::new(),
+            "closed at its rim",
+        );
+        row(
+            "greatest stretch",
+            format!("{:.2}", areas.stretch_max),
+            String::new(),
+            "of a triangle, any direction",
+        );
+        // An empty sum is minus zero.
+        let over = format!("{:.1}", self.over_limit() * 1e4 + 0.0);
+        row(
+            &format!("area stretched over {:.2} [cm2]", self.limit),
+            over,
+            String::new(),
+            "the limit that was given",
+        );
+        table
+    }
+
+    /// How it was found.
+    pub fn run_table(&self) -> Table {
+        let each = self.each();
+        let heads = each.iter().map(|one| format!("implant {}", one.number + 1));
+        let mut table = Table::new("Implants", std::iter::once(String::new()).chain(heads));
+        for (what, value) in ROWS {
+            table.row(std::iter::once(what.to_owned()).chain(each.iter().map(value)));
+        }
+        table
+    }
+
+    /// The curve of areas over volumes, or over days, of the first implant that has one; of a single point the table tells all.
+    pub fn plot(&self) -> Option<LinePlot> {
+        let of = |implant: usize| {
+            self.curve
+                .iter()
+                .filter(move |point| point.implant == implant)
+        };
+        let first = self
+            .curve
+            .iter()
+            .find(|point| of(point.implant).count() > 1)?;
+        let own: Vec<&Point> = of(first.implant).collect();
+        let over = |point: &Point| point.day.unwrap_or(point.volume * 1e6);
+        let points = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
+            own.iter()
+                .map(|point| (over(point), (of(&point.areas) - point.areas.before) * 1e4))
+                .collect()
+        };
+        let axis = if first.day.is_some() {
+            "day"
+        } else {
+            "volume [cc]"
+        };
+        Some(
+            LinePlot::new("Area gained [cm2]", axis)
+                .with("deformed", points(&|a| a.deformed))
+                .with("retracted, least", points(&|a| a.retracted.low))
+                .with("retracted, most", points(&|a| a.retracted.high))
+                .with("grown, least", points(&|a| a.grown.low))
+                .with("grown, most", points(&|a| a.grown.high)),
+        )
+    }
+
+    /// What each volume does, as a surgeon reads it.
+    fn curve_table(&self) -> Option<Table> {
+        let head = [
+            "implant",
+            "day",
+            "volume [cc]",
+            "deformed [cm2]",
+            "retracted [cm2]",
+            "grown [cm2]",
+        ];
+        let head = head.into_iter().chain(["greatest stretch", "at rest"]);
+        let mut table = Table::new("Areas gained by volume", head);
+        for point in &self.curve {
+            let gained = |m2: f64| (m2 - point.areas.before) * 1e4;
+            let few = decimals(point.areas.gain());
+            let more = few + 1;
+            let span =
+                |i: Interval| format!("{:+.few$} to {:+.few$}", gained(i.low), gained(i.high));
+            table.row([
+                self.called(point.implant),
+                point.day.map_or("–".to_owned(), |day| day.to_string()),
+                format!("{:.1}", point.volume * 1e6),
+                format!("{:+.more$}", gained(point.areas.deformed)),
+                span(point.areas.retracted),
+                span(point.areas.grown),
+                format!("{:.2}", point.areas.stretch_max),
+                point.progress.rest().to_owned(),
+            ]);
+        }
+        (!self.curve.is_empty()).then_some(table)
+    }
+
+    /// All tables.
+    pub fn tables(&self) -> Vec<Table> {
+        [self.table()]
+            .into_iter()
+            .chain(self.curve_table())
+            .chain([self.run_table()])
+            .collect()
+    }
+
+    /// The curve: its columns, and a row for each volume.
+    pub(super) fn csv(&self) -> DataFile<'_> {
+        let columns = [
+            "implant",
+            "day",
+            "implant_volume_m3",
+            "area_before_m2",
+            "area_deformed_m2",
+            "area_retracted_low_m2",
+            "area_retracted_high_m2",
+            "area_grown_low_m2",
+            "area_grown_high_m2",
+            "volume_difference_m3",
+            "stretch_max",
+            "converged",
+        ];
+        let row = |point: &Point| {
+            let a = &point.areas;
+            let numbers = [
+                point.volume,
+                a.before,
+                a.deformed,
+                a.retracted.low,
+                a.retracted.high,
+                a.grown.low,
+                a.grown.high,
+                a.volume_difference,
+                a.stretch_max,
+            ];
+            let day = point.day.map_or(String::new(), |day| day.to_string());
+            let mut cells = vec![point.implant.to_string(), day];
+            cells.extend(numbers.iter().map(f64::to_string));
+            cells.push(point.progress.converged.to_string());
+            cells
+        };
+        DataFile::new("curve.csv", columns, self.curve.iter().map(row))
+    }
+}
