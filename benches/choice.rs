@@ -1,8 +1,10 @@
-//! Whether the cost model finds the fastest setting: what it chooses for 10, 1 and 0.1 % of the length beside all that
-//! could have been chosen, in scenes that it was not fitted on.
+//! Whether the cost model finds the fastest setting. The setting that the model chooses for 10,
+//! 1 and 0.1 % of the length is compared with all possible settings, in scenes that the model was
+//! not fitted on.
 //!
-//! Each scene is as short as its study, so that both judge by the same frames. The chosen setting and the fastest of the
-//! full sweep that keeps the target are run again in turn, and the least time of each counts.
+//! Each scene is as short as its study, so that both use the same frames. The chosen setting
+//! and the fastest setting of the full sweep that keeps the target are run again alternately. The
+//! least time of each counts.
 
 use std::time::Duration;
 
@@ -13,7 +15,8 @@ use pliant::progress::Silent;
 use pliant::scene::{Accuracy, Scene, builtin};
 use pliant::simulation::Assets;
 
-/// A press that touches its muscle from the first frame on, with friction; the fit knows one without, of another material.
+/// A press that touches its muscle from the first frame, with friction. The fit contains a
+/// press without friction and of another material.
 const PRESSED: [&str; 6] = [
     "frames=8",
     "muscle.0.material.stretch=400 N/m",
@@ -23,7 +26,8 @@ const PRESSED: [&str; 6] = [
     "bone.1.motion.keys.1.frame=40",
 ];
 
-/// Scenes that `src/accuracy/sweeps.csv` knows nothing of; the first two want the measured data.
+/// Scenes that `src/accuracy/sweeps.csv` does not contain. The first two need the measured
+/// data.
 const SCENES: [(&str, &[&str]); 4] = [
     ("examples/right-hip-gluteus-maximus.toml", &["frames=6"]),
     ("examples/right-hip.toml", &["frames=5"]),
@@ -50,11 +54,12 @@ fn total(row: &Row) -> f64 {
     row.error.rms + row.model_error_m + row.uncertainty_m
 }
 
-/// Repeats of the chosen setting and of the fastest one, in turn: the least of each counts.
+/// Repeats of the chosen setting and of the fastest setting, alternately. The least time of
+/// each counts.
 const REPEATS: usize = 3;
 
-/// Least times [s] of two settings over all frames, and how far the first is from the reference of its question, with
-/// what that leaves out and may be off [m].
+/// Least times [s] of two settings over all frames, and the distance of the first from the
+/// reference of its question [m], with the parts and the uncertainty of that distance [m].
 fn compared(
     scene: &Scene,
     assets: &Assets,

@@ -1,4 +1,5 @@
-//! Closest points of a frame in which a bone moves by 1 mm: about 10,000 muscle vertices against 42,000 triangles.
+//! Closest points of a frame in which a bone moves by 1 mm: about 10,000 muscle vertices and
+//! 42,000 triangles.
 
 mod measured;
 
@@ -16,7 +17,8 @@ use pliant::particles::Particles;
 
 const MILLIMETRE: f64 = 1e-3;
 
-/// A bone whose own points are not kept out of the muscle: what is left is the closest points of the muscle's vertices.
+/// A bone whose sample points are ignored. Only the closest points of the muscle's vertices
+/// remain.
 struct Unguarded(Arc<Surface>);
 
 impl Obstacle for Unguarded {
@@ -45,7 +47,8 @@ impl Obstacle for Unguarded {
     }
 }
 
-/// A shaft of 42,000 triangles and a muscle of 10,000 vertices that lies along it from 1 mm away on.
+/// A shaft of 42,000 triangles and a muscle of 10,000 vertices that lies along the shaft from a
+/// distance of 1 mm.
 struct Frames {
     bone: Arc<Surface>,
     mesh: TriangleMesh,
@@ -72,7 +75,7 @@ impl Frames {
         }
     }
 
-    /// The bone during frame `k`: it goes by 1 mm along the muscle and back.
+    /// The bone during frame `k`: it moves by 1 mm along the muscle and back.
     fn placed(&self, k: usize, guarded: bool) -> [PosedObstacle; 1] {
         let at =
             |k: usize| Isometry3::translation(if k % 2 == 1 { MILLIMETRE } else { 0.0 }, 0.0, 0.0);
@@ -101,7 +104,7 @@ impl Frames {
     }
 }
 
-/// Lookups find what a search of all triangles finds.
+/// Lookups return the result of a search of all triangles.
 fn check(frames: &Frames) {
     let (x, triangles) = (frames.bone.positions(), frames.bone.triangles());
     for p in frames.mesh.vertices.iter().step_by(199) {
@@ -137,7 +140,7 @@ fn closest(c: &mut Criterion) {
             contacts.end_step(placed, &mut particles, 1.0);
             frame += 1;
         };
-        // The first frames look all bone points up once.
+        // The first frames look up all bone points once.
         pool.install(|| (0..4).for_each(|_| step()));
         group.bench_function(format!("a frame of 1 mm, {name}, 1 thread"), |b| {
             pool.install(|| b.iter(&mut step))
@@ -148,7 +151,7 @@ fn closest(c: &mut Criterion) {
             (lookups / frame) as f64,
             "1",
         );
-        // Nothing was near enough to be pushed: the muscle is where it was.
+        // No vertex was near enough to be pushed, so the muscle has not moved.
         assert!(
             particles.position == frames.start.position,
             "a vertex 1 mm away was moved"

@@ -26,7 +26,8 @@ fn sphere(level: u32) -> Body {
     ))
 }
 
-/// All widths and one or two threads leave the same bits, and the sweeps bring edges and volume nearer to rest.
+/// All widths and one or two threads give the same bits, and the sweeps reduce the errors of
+/// edges and volume.
 fn check(body: &Body) {
     let run = |width: SimdWidth, threads: usize| {
         with_threads(threads, || {
@@ -160,7 +161,7 @@ fn kinds(c: &mut Criterion) {
     }
 }
 
-/// Least time [ns a constraint] of a few sweeps.
+/// Least time [ns per constraint] of a few sweeps.
 fn least(body: &Body, mut batch: impl Project) -> f64 {
     let start = body.packed();
     let mut packed = start.clone();
@@ -190,7 +191,8 @@ fn least_of_volume(body: &Body, width: SimdWidth) -> f64 {
     (0..200).map(|_| once()).fold(f64::INFINITY, f64::min)
 }
 
-/// Prints the least time a constraint for each size, and the exponent of growth of the time of a sweep.
+/// Prints the least time per constraint for each size, and the exponent of growth of the time
+/// of a sweep.
 fn growth(_: &mut Criterion) {
     if quick() {
         return;

@@ -1,8 +1,11 @@
-//! Ways to find contact, compared as the first source did (its section 8): a muscle moves through a bone, what is found is
-//! not answered. Time, memory and error of each way, and what the remedies for vertices in the bone leave.
+//! Methods of contact detection, compared as in the first source (its section 8). A muscle
+//! moves through a bone, and the contacts found have no response. The output contains time, memory
+//! and error of each method, and the remaining penetration after each response for vertices in the
+//! bone.
 //!
-//! The data are rebuilt from the description: two spheres by latitude and longitude, and with `PLIANT_DATA` the gluteus
-//! maximus before hip bone and femur. `--test` runs it all on small spheres.
+//! The data are rebuilt from the description: two spheres by latitude and longitude, and with
+//! `PLIANT_DATA` the gluteus maximus before hip bone and femur. `--test` runs everything on small
+//! spheres.
 
 mod measured;
 
@@ -26,10 +29,10 @@ static ALLOCATOR: PeakAlloc = PeakAlloc;
 const MILLIMETRE: f64 = 1e-3;
 const FRAMES: usize = 10;
 
-/// What a step of contact wants to know of: a few thicknesses.
+/// Distance that matters to a contact step: a few thicknesses.
 const REACH: f64 = 2.0 * MILLIMETRE;
 
-/// Rounding of a distance, over the size of the data.
+/// Rounding error of a distance, relative to the size of the data.
 const ROUNDING: f64 = 1e-13;
 
 /// Vertices `around` times `rings` and two poles, as by VTK's source of spheres.
@@ -69,7 +72,7 @@ fn sphere(around: u32, rings: u32, radius: f64) -> TriangleMesh {
     }
 }
 
-/// Each triangle cut in four: as many more vertices, the same surface.
+/// Each triangle is divided into four: the same surface with about four times the vertices.
 fn quartered(mesh: &TriangleMesh) -> TriangleMesh {
     let mut vertices = mesh.vertices.clone();
     let mut middles = BTreeMap::new();
@@ -92,14 +95,14 @@ fn quartered(mesh: &TriangleMesh) -> TriangleMesh {
     }
 }
 
-/// A vertex in the box of a bone, in some frame.
+/// A vertex in the box of a bone, in one frame.
 struct Question {
     bone: usize,
     point: Point3<f64>,
-    /// Where it was a frame before.
+    /// Position one frame before.
     before: Point3<f64>,
     inside: bool,
-    /// Signed distance by the crate's own hierarchy [m].
+    /// Signed distance by the hierarchy of this crate [m].
     distance: f64,
 }
 
@@ -157,7 +160,7 @@ impl Task {
                 }
             }
         }
-        // In an order in which any part of them is like the whole.
+        // A shuffled order, in which any part is representative of the whole.
         let count = questions.len();
         let stride = (0..)
             .map(|k| (count * 618 / 1000).max(1) + k)
@@ -206,7 +209,7 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// One of the ways, sorted for a bone.
+/// One of the methods, prepared for a bone.
 enum Sorted {
     Own(Box<Surface>),
     Way(Box<Searched>),
@@ -222,7 +225,8 @@ impl Sorted {
         }
     }
 
-    /// Whether a vertex is nearer than [`REACH`]; of the grid of bits, whether the walk back moves it.
+    /// Whether a vertex is nearer than [`REACH`]; for the grid of bits, whether the walk back
+    /// moves the vertex.
     fn is_near(&self, q: &Question) -> bool {
         match self {
             Self::Own(own) => own.nearest(&q.point, REACH).is_some(),
@@ -269,7 +273,8 @@ fn rows(largest: usize) -> Vec<(String, Sort)> {
     rows
 }
 
-/// Asks until all is asked or the time is up; returns the time of a frame [ms] and how many were asked.
+/// Runs the queries until all are done or the time is up. Returns the time of a frame [ms] and
+/// the number of queries.
 fn timed(task: &Task, budget: Duration, mut ask: impl FnMut(&Question)) -> (f64, usize) {
     let begin = Instant::now();
     let mut asked = 0;
@@ -287,10 +292,10 @@ fn timed(task: &Task, budget: Duration, mut ask: impl FnMut(&Question)) -> (f64,
     )
 }
 
-/// What is wrong with the answers of a way.
+/// Errors in the answers of a method.
 #[derive(Default)]
 struct Errors {
-    /// Vertices said to be in the bone that are not, and the other way about.
+    /// Vertices that are reported inside the bone and lie outside, and the reverse.
     kept: usize,
     lost: usize,
     /// Greatest error of a distance outside, and of a depth inside [m].
@@ -384,7 +389,7 @@ fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) 
 
 fn compare(task: &Task, largest: usize, budget: Duration) {
     task.describe();
-    // All but the bits hold the same mesh with its topology.
+    // All methods but the bits store the same mesh with its topology.
     let rows = rows(largest);
     let brute = &rows[1].1;
     let base = task.bones.iter().map(|b| brute(b).obstacle().bytes()).sum();
@@ -392,7 +397,7 @@ fn compare(task: &Task, largest: usize, budget: Duration) {
         .for_each(|(name, sort)| measure(task, name, sort, base, budget));
 }
 
-/// What a remedy leaves of the vertices in a bone.
+/// The remaining penetration of the vertices in a bone after a response.
 fn remedy(
     task: &Task,
     own: &[Surface],
@@ -480,7 +485,7 @@ fn remedies(task: &Task) {
     }
 }
 
-/// Two spheres, of which the smaller moves through the other, a little off its middle.
+/// Two spheres. The smaller sphere moves through the larger, slightly off its centre.
 fn artificial(muscle: [u32; 2], bone: [u32; 2]) -> Task {
     let [muscle, bone] = [(muscle, 0.04), (bone, 0.05)]
         .map(|([around, rings], radius)| sphere(around, rings, radius));
@@ -488,7 +493,7 @@ fn artificial(muscle: [u32; 2], bone: [u32; 2]) -> Task {
     Task::new("spheres", vec![bone], muscle, path)
 }
 
-/// The gluteus maximus moves 60 mm towards the middle of the bones.
+/// The gluteus maximus moves 60 mm towards the centre of the bones.
 fn measured(data: &std::path::Path) -> Task {
     let read = |name: &str| pliant::io::read(&data.join(name)).expect("a mesh").mesh;
     let muscle = quartered(&quartered(&read(

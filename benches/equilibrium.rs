@@ -1,6 +1,8 @@
-//! Time and error of a pose change: a muscle of about 10,000 vertices whose far end is turned by 25 degrees, from rest.
+//! Time and error of a pose change: a muscle of about 10,000 vertices whose far end is rotated
+//! by 25 degrees from rest.
 //!
-//! Errors are against Newton's solution of the same energy. With `PLIANT_DATA` the real gluteus maximus as well.
+//! Errors are relative to Newton's solution of the same energy. `PLIANT_DATA` adds the real
+//! gluteus maximus.
 
 mod measured;
 
@@ -23,10 +25,10 @@ use pliant::solvers::stiffness;
 /// Stiffness of the example scenes [N/m, N m].
 const MATERIAL: (f64, f64) = (300.0, 2e-4);
 
-/// Share of the length at each end that is held.
+/// Share of the length that is fixed at each end.
 const HELD: f64 = 0.1;
 
-/// Frames of the turn that is tracked.
+/// Frames of the rotation that is tracked.
 const FRAMES: u32 = 25;
 
 struct Task {
@@ -34,7 +36,7 @@ struct Task {
     mesh: TriangleMesh,
     inverse_mass: Vec<f64>,
     held: Vec<u32>,
-    /// Those that are turned, and about what.
+    /// The rotated vertices and their centre of rotation.
     turned: Vec<bool>,
     pivot: Point3<f64>,
     axis: Unit<Vector3<f64>>,
@@ -67,7 +69,7 @@ impl Task {
         }
     }
 
-    /// Held vertices after a turn [rad].
+    /// Fixed vertices after a rotation [rad].
     fn pose(&self, angle: f64) -> Vec<(u32, Point3<f64>)> {
         let turn = Rotation3::from_axis_angle(&self.axis, angle);
         let place = |v: u32| {
@@ -147,10 +149,10 @@ impl Task {
     }
 }
 
-/// Times and errors after each iteration of a pose change from rest, factorisation included; positions are compared off
-/// the clock.
+/// Times and errors after each iteration of a pose change from rest, factorisation included.
+/// Positions are compared outside the measured time.
 fn from_rest(task: &Task, reference: &[Point3<f64>]) -> (Duration, Vec<(Duration, f64)>) {
-    // Edges, hinges and their stiffness are what any solver needs; the factor is what this one does.
+    // Every solver needs edges, hinges and their stiffness. Only this solver needs the factor.
     let energy = task.energy();
     let begin = Instant::now();
     let mut solver = task.solver(energy, 1e-5, 400);
@@ -171,7 +173,8 @@ fn from_rest(task: &Task, reference: &[Point3<f64>]) -> (Duration, Vec<(Duration
     (prepared, rows)
 }
 
-/// Time of the slowest frame and error at the end, where each frame of the turn is followed by `iterations`.
+/// Time of the slowest frame and error at the end, where `iterations` follow each frame of the
+/// rotation.
 fn tracked(task: &Task, iterations: u32, reference: &[Point3<f64>]) -> (Duration, f64) {
     let mut solver = task.solver(task.energy(), 1e-12, iterations);
     let mut x = task.mesh.vertices.clone();
@@ -205,7 +208,7 @@ fn report(task: &Task, rounds: usize) {
         "ms",
     );
     for wanted in [0.02, 0.01, 0.004, 0.001] {
-        // The same iterations in every round: the least time of them is that of the least disturbed.
+        // Every round makes the same iterations, so their least time is the least disturbed.
         let Some(at) = runs[0].1.iter().position(|(_, error)| *error <= wanted) else {
             continue;
         };

@@ -1,7 +1,8 @@
-//! Fixed work for a count of instructions: `benches/instructions.py` runs each task under callgrind.
+//! Fixed work for a count of instructions: `benches/instructions.py` runs each task under
+//! callgrind.
 //!
-//! `instructions TASK LANES` does one task; without arguments all are done, which shows that they work. Only what
-//! [`counted`] calls is counted.
+//! `instructions TASK LANES` runs one task. Without arguments all tasks run, which shows that
+//! they work. Only the calls of [`counted`] are counted.
 
 mod measured;
 
@@ -14,7 +15,7 @@ use pliant::constraints::{Order, SimdWidth};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::shapes::tube;
 
-/// What is counted; its name is what callgrind looks for.
+/// The counted work. callgrind finds it by the name of this function.
 #[inline(never)]
 fn counted(deed: &mut dyn FnMut()) {
     deed();
@@ -70,7 +71,7 @@ fn solve(_: SimdWidth) {
     counted(&mut || turned.solve(black_box(&mut solver)));
 }
 
-/// A name, what is done, and whether it can be told how many lanes to take.
+/// A name, the work, and whether the work accepts a number of lanes.
 type Task = (&'static str, fn(SimdWidth), bool);
 
 const TASKS: [Task; 5] = [

@@ -1,8 +1,8 @@
-//! One step of a spring lattice: every size of the source's tables 7.1 and 7.2, both patterns, both precisions, one and two
-//! threads; how much of the memory's speed that is; steps until rest.
+//! One step of a spring lattice: every size of the source's tables 7.1 and 7.2, both patterns,
+//! both precisions, one and two threads; the share of the memory's speed; steps until rest.
 //!
-//! Least times of many steps, made in pairs as `Lattice::run` makes them; of the largest lattices also one by one. Every lattice is
-//! one that moves, and its positions are looked at before and after.
+//! Least times of many steps, made in pairs as by `Lattice::run`; for the largest lattices also
+//! of single steps. Every lattice moves, and its positions are checked before and after.
 
 mod measured;
 
@@ -31,7 +31,7 @@ const SOURCE: [(usize, [[f64; 2]; 2]); 10] = [
     (100, [[274.12, 31.57], [907.32, f64::NAN]]),
 ];
 
-/// A cube whose points are shaken by up to a fortieth of their distance.
+/// A cube whose points are displaced randomly by up to a fortieth of their distance.
 fn shaken<F: Number>(n: usize, neighbours: Neighbours) -> Lattice<F> {
     let shape = Shape::unit_cube(n);
     let mut lattice =
@@ -48,7 +48,8 @@ fn shaken<F: Number>(n: usize, neighbours: Neighbours) -> Lattice<F> {
     lattice
 }
 
-/// Least seconds of a step, made alone or in pairs, after which the lattice still is where it should be and has moved.
+/// Least seconds per step, made alone or in pairs. Afterwards the lattice must be in place and
+/// must have moved.
 fn least<F: Number>(n: usize, neighbours: Neighbours, threads: usize, together: u64) -> f64 {
     let mut lattice = shaken::<F>(n, neighbours);
     let rounds = if quick() {
@@ -83,7 +84,8 @@ fn least<F: Number>(n: usize, neighbours: Neighbours, threads: usize, together: 
     time
 }
 
-/// Bytes a second of copying arrays that no cache holds, read and written both counted: what a step can reach.
+/// Bytes per second of a copy of arrays larger than every cache, reads and writes both counted:
+/// the upper limit of a step.
 fn copying() -> f64 {
     let from = vec![1.0_f64; if quick() { 1 << 16 } else { 48 << 20 }];
     let mut to = vec![0.0_f64; from.len()];
@@ -95,7 +97,7 @@ fn copying() -> f64 {
     16.0 * from.len() as f64 / least
 }
 
-/// The source's tables beside ours.
+/// The source's tables beside the results of this crate.
 fn sizes(_: &mut Criterion) {
     let bandwidth = copying();
     result("lattice.copy", bandwidth / 1e9, "GB/s");
@@ -138,7 +140,7 @@ fn sizes(_: &mut Criterion) {
                         ms * 1e6 / springs,
                         "ns",
                     );
-                    // Of both positions three numbers each are read and written, for two steps.
+                    // Two steps read and write three numbers of both positions each.
                     let share = 12.0 / 2.0 * bytes * points / (ms * 1e-3) / bandwidth;
                     result(&format!("lattice.{name}.{kind}.share"), share, "1");
                 }

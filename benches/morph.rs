@@ -1,6 +1,6 @@
-//! A map to the sphere, a shape in between and a registration.
+//! A map to the sphere, an intermediate shape and a registration.
 //!
-//! A bent belly is always there; real muscles only with the measured data.
+//! The bent belly always runs. Real muscles run only with the measured data.
 
 mod measured;
 
@@ -24,7 +24,7 @@ fn belly(around: u32) -> TriangleMesh {
     let radius = 0.6;
     for p in &mut mesh.vertices {
         let width = 0.35 + 0.65 * libm::cos(std::f64::consts::PI * p.x / 0.3);
-        // Thicker towards one end and on one side, so that nothing is symmetric.
+        // Thicker towards one end and on one side, so that the shape has no symmetry.
         let (y, z) = (
             p.y * width * (1.0 + 1.5 * p.x),
             0.6 * p.z * width * (1.0 + 8.0 * p.y),
@@ -39,10 +39,11 @@ fn belly(around: u32) -> TriangleMesh {
     mesh
 }
 
-/// Vertices around that make 7,500 in all.
+/// Number of vertices around the belly that gives 7,500 in total.
 const AROUND: u32 = 68;
 
-/// A row of the table of `docs/benchmarks.md`: the least time of three, and what the map does to triangles.
+/// A row of the table of `docs/benchmarks.md`: the least time of three, and the distortion of
+/// triangles by the map.
 fn row(name: &str, mesh: &TriangleMesh) {
     let mut least = f64::INFINITY;
     let mut made = None;
@@ -74,7 +75,8 @@ fn folder() -> Option<PathBuf> {
     Some(root.join("body")).filter(|body| body.is_dir())
 }
 
-/// All muscles and bones that are spheres; how many there are, and how many surfaces are none.
+/// All muscles and bones that are spheres. Returns their number and the number of other
+/// surfaces.
 fn bodies() -> [usize; 2] {
     let mut found = [0, 0];
     let Some(body) = folder() else {
@@ -188,7 +190,7 @@ fn registration(c: &mut Criterion) {
         .zip(&moving.vertices)
         .map(|(p, q)| (p - known * q).norm())
         .fold(0.0, f64::max);
-    // As the issue asks of partial surfaces; here the whole is there.
+    // The issue requires this for partial surfaces. Here the surface is complete.
     assert!(off <= 1e-3 * fixed.length(), "{off} m from where it was");
     measured::result("morph.registered", off / fixed.length(), "1");
     let mut group = c.benchmark_group("morph");

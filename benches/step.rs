@@ -1,4 +1,5 @@
-//! A frame of a muscle beside a bone, one sweep by lanes, threads, and how both solvers grow with the mesh.
+//! A frame of a muscle beside a bone, one sweep by lanes and threads, and the growth of both
+//! solvers with the mesh.
 //!
 //! The frame is what a run computes between two pictures: three sweeps over edges, hinges, contact and volume,
 //! with and without what settles contact and volume at its end. What takes turns is printed as ratios; nothing is asserted of a time.
@@ -21,7 +22,8 @@ use pliant::particles::Particles;
 /// Sweeps after which two orders are compared.
 const SWEEPS: usize = 100;
 
-/// A frame with contact, with and without what settles it, and what share each effect has of the one without.
+/// A frame with contact, with and without settling, and the share of each effect in the frame
+/// without.
 fn frame(c: &mut Criterion) {
     let mut scene = if quick() {
         Scene::new(24, 24)
@@ -106,7 +108,7 @@ fn check(body: &Body) {
     }
 }
 
-/// One sweep over everything by width, and scalar against lanes in turn.
+/// One sweep over all constraints by width, and scalar code against lanes alternately.
 fn sweeps(c: &mut Criterion) {
     let body = Body::of(tube(0.25, 2.0, if quick() { 24 } else { 88 }));
     assert_eq!(body.edges.0.len(), body.hinges.0.len());
@@ -165,7 +167,7 @@ fn restarted(body: &Body, particles: &mut Particles, all: &mut measured::Swept) 
     all.sweep(particles);
 }
 
-/// Two threads against one in turn, on 50,000 vertices.
+/// Two threads against one alternately, on 50,000 vertices.
 fn threads(_: &mut Criterion) {
     let body = Body::of(tube(0.25, 2.0, if quick() { 24 } else { 198 }));
     assert!(
@@ -194,7 +196,8 @@ fn threads(_: &mut Criterion) {
     }
 }
 
-/// The least time of a sweep, and of the factor and four iterations of the equilibrium, for meshes of ever more vertices.
+/// The least time of a sweep, and of the factor and four iterations of the equilibrium, for
+/// meshes of increasing size.
 fn growth(_: &mut Criterion) {
     let all: &[u32] = if quick() {
         &[12, 24]
@@ -254,7 +257,7 @@ fn growth(_: &mut Criterion) {
             "1",
         );
     }
-    // The slope of a known power, so that the exponent cannot be of something else.
+    // The slope of a known power, as a check of the exponent.
     assert!(
         (exponent(
             &sizes,
@@ -265,7 +268,7 @@ fn growth(_: &mut Criterion) {
     );
 }
 
-/// Least seconds, of two rounds, of the factor and of a solve.
+/// Least time of two rounds [s], for the factor and for a solve.
 fn equilibrium(mesh: &TriangleMesh) -> [f64; 2] {
     let turned = Turned::new(mesh);
     let mut least = [f64::INFINITY; 2];

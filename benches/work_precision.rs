@@ -1,7 +1,9 @@
-//! Error against time of every solver on a small scene: a tube held at both ends, one of which turns by 20 degrees.
+//! Error against time of every solver on a small scene: a tube fixed at both ends, one of which
+//! rotates by 20 degrees.
 //!
-//! Both questions that a scene may ask, the motion and the equilibrium, each against its own refined reference, of which
-//! it is asserted that it is certain, that errors fall with work, and that they fall to the reference.
+//! The scene has both questions, the motion and the equilibrium. Each uses its own refined
+//! reference. The bench asserts that the reference is certain, that errors fall with work, and that
+//! they fall to the reference.
 
 mod measured;
 
@@ -16,7 +18,7 @@ use pliant::progress::Silent;
 use pliant::scene::{Scene, Solver, parse};
 use pliant::simulation::Assets;
 
-/// The reference must be certain to this share of the length; in a trial there is less time for it.
+/// The reference must be certain to this share of the length. A trial has less time for it.
 const CERTAIN: [f64; 2] = [2e-3, 1e-2];
 
 /// A tube of 100 mm. Scenes read meshes from files, so it is written to one.
@@ -60,7 +62,7 @@ fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
         .filter(move |row| row.candidate.name() == solver)
 }
 
-/// Errors [m] of rows with ever more work.
+/// Errors [m] of rows with increasing work.
 fn falling(study: &Study) -> Vec<f64> {
     let mut rows: Vec<(f64, f64)> = match study.question {
         Question::Motion => of(study, "xpbd")
@@ -103,8 +105,8 @@ fn check(study: &Study) {
         .filter(own)
         .map(|r| r.error.rms)
         .fold(f64::INFINITY, f64::min);
-    // What is left is no more than what the reference does not know, or a part of the first.
-    // In a trial there is no time for the finest.
+    // The remaining error is at most the uncertainty of the reference, or a part of the first
+    // error. A trial has no time for the finest level.
     let part = if quick() { 0.25 } else { 0.1 };
     assert!(
         least <= part * first + certain,

@@ -1,5 +1,6 @@
-//! What benches share: bodies, clocks that alternate, and the lines that `benches/document.py` reads.
-// Each bench uses a part of it.
+//! Shared code of the benches: bodies, alternating clocks, and the lines that
+//! `benches/document.py` reads.
+// Each bench uses a part of this module.
 #![allow(dead_code, unused_imports)]
 
 pub mod lines;
@@ -32,15 +33,15 @@ pub fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) ->
     pool(threads).install(deed)
 }
 
-/// Seconds.
+/// Duration of `deed` [s].
 pub fn seconds(deed: impl FnOnce()) -> f64 {
     let begin = Instant::now();
     deed();
     begin.elapsed().as_secs_f64()
 }
 
-/// Times [s] of two deeds that take turns, so that both meet the same disturbances; each as often as `rounds` says,
-/// after two more that do not count.
+/// Times [s] of two alternating pieces of work, so that both suffer the same disturbances. Each
+/// runs `rounds` times, after two more runs that do not count.
 pub fn in_turn(rounds: usize, mut one: impl FnMut(), mut other: impl FnMut()) -> [Vec<f64>; 2] {
     let mut times = [Vec::new(), Vec::new()];
     for round in 0..rounds + 2 {
@@ -55,7 +56,7 @@ pub fn in_turn(rounds: usize, mut one: impl FnMut(), mut other: impl FnMut()) ->
     times
 }
 
-/// Exponent of growth: the slope of the line through the logarithms that is nearest by least squares.
+/// Exponent of growth: the slope of the least-squares line through the logarithms.
 pub fn exponent(sizes: &[f64], times: &[f64]) -> f64 {
     let logs = |of: &[f64]| of.iter().map(|v| v.ln()).collect::<Vec<_>>();
     let (x, y) = (logs(sizes), logs(times));
@@ -69,7 +70,8 @@ pub fn exponent(sizes: &[f64], times: &[f64]) -> f64 {
         / along
 }
 
-/// A closed surface with its edges, hinges and volume, held at one end, bent and stretched by up to a twentieth.
+/// A closed surface with its edges, hinges and volume, fixed at one end, bent and stretched by
+/// up to a twentieth.
 pub struct Body {
     pub mesh: TriangleMesh,
     pub edges: (Vec<Distance>, Vec<f64>),
@@ -78,7 +80,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Of a mesh that is about 2 m long, from -1 m on.
+    /// A body of a mesh that is about 2 m long and begins at -1 m.
     pub fn of(mesh: TriangleMesh) -> Self {
         let topology = Topology::new(&mesh);
         let bent = |p: &Point3<f64>| {
@@ -136,7 +138,7 @@ pub fn batch<C: Constraint<K>, const K: usize>(
     Batch::new(all.clone(), compliance.clone(), order, count, &[]).with_width(width)
 }
 
-/// All that is swept over.
+/// All constraints of a sweep.
 pub struct Swept {
     pub edges: Batch<Distance, 2>,
     pub hinges: Batch<Bending, 4>,
@@ -145,7 +147,7 @@ pub struct Swept {
 }
 
 impl Swept {
-    /// One sweep over all of it, as a step does it: packed once.
+    /// One sweep over all constraints, as in a step: packed once.
     pub fn sweep(&mut self, particles: &mut Particles) {
         self.edges.begin_step();
         self.hinges.begin_step();
@@ -173,7 +175,7 @@ impl Swept {
     }
 }
 
-/// The volume over that of the mesh, less one.
+/// The volume divided by the volume of the mesh, minus one.
 pub fn volume_error(mesh: &TriangleMesh, x: &[Point3<f64>]) -> f64 {
     pliant::mesh::measures::volume(x, &mesh.triangles) / mesh.volume() - 1.0
 }

@@ -1,4 +1,4 @@
-//! A muscle that lies on a bone which goes to and fro.
+//! A muscle that lies on a bone which moves back and forth.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -16,13 +16,14 @@ use super::volume_error;
 const MILLIMETRE: f64 = 1e-3;
 /// Contact thickness [m].
 const THICKNESS: f64 = 0.2 * MILLIMETRE;
-/// Depth to which a frame's end is settled, as a simulation does [m].
+/// Depth at which settling ends at the end of a frame, as in a simulation [m].
 const SETTLED: f64 = 2e-4 * THICKNESS;
-/// Frames in which the held ends go down by a tenth of a millimetre each, so that the muscle comes to lie on the bone.
+/// Frames in which the fixed ends move down by a tenth of a millimetre each, so that the muscle
+/// touches the bone.
 pub const PRESSED: usize = 8;
 /// Time of a frame [s].
 const FRAME: f64 = 1.0 / 60.0;
-/// A muscle that lies on a bone which goes to and fro by 1 mm a frame.
+/// A muscle that lies on a bone which moves back and forth by 1 mm per frame.
 pub struct Scene {
     pub system: System,
     pub mesh: TriangleMesh,
@@ -40,7 +41,7 @@ impl Scene {
             "{triangles} triangles"
         );
         let mut mesh = tube(0.03, 0.24, muscle);
-        // A tube of so many corners is a little inside its radius.
+        // A tube with this number of corners lies slightly inside its radius.
         mesh.vertices.iter_mut().for_each(|p| p.y += 0.05);
         let count = mesh.vertices.len();
         let end = mesh.vertices.iter().map(|p| p.x).fold(0.0, f64::max);
@@ -113,7 +114,7 @@ impl Scene {
         }
     }
 
-    /// With as many lanes as `width` says.
+    /// With the number of lanes that `width` gives.
     #[must_use]
     pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.system

@@ -1,4 +1,4 @@
-//! A tube whose one end is turned, by the solver of equilibria.
+//! A tube with one rotated end, for the equilibrium solver.
 
 use nalgebra::{Point3, Rotation3, Vector3};
 use pliant::constraints::EnclosedVolume;
@@ -14,7 +14,7 @@ use super::volume_error;
 /// Iterations of a solve.
 pub const ITERATIONS: u32 = 4;
 
-/// A body of about 2 m along x, both ends of which are held.
+/// A body of about 2 m along x with two fixed ends.
 pub struct Turned<'a> {
     mesh: &'a TriangleMesh,
     inverse_mass: Vec<f64>,
@@ -22,7 +22,7 @@ pub struct Turned<'a> {
 }
 
 impl<'a> Turned<'a> {
-    /// One end is turned by 10 degrees.
+    /// One end is rotated by 10 degrees.
     pub fn new(mesh: &'a TriangleMesh) -> Self {
         let held: Vec<u32> = (0..mesh.vertices.len() as u32)
             .filter(|&v| mesh.vertices[v as usize].x.abs() > 0.9)
@@ -42,7 +42,7 @@ impl<'a> Turned<'a> {
         }
     }
 
-    /// What is minimised; any solver needs it.
+    /// The energy to minimise. Any solver needs it.
     pub fn energy(&self) -> Energy {
         let (mesh, topology) = (self.mesh, Topology::new(self.mesh));
         let (edges, k) = stiffness::edges(mesh, &topology, 300.0);
@@ -73,7 +73,8 @@ impl<'a> Turned<'a> {
             .expect("both ends are held")
     }
 
-    /// The first guess and some iterations, after which the energy is lower and the volume kept.
+    /// The first guess and some iterations. Afterwards the energy is lower and the volume is
+    /// kept.
     pub fn solve(&self, solver: &mut QuasiStatic) {
         let mut x = self.mesh.vertices.clone();
         let (mut first, mut last) = (f64::NAN, f64::NAN);

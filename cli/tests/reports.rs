@@ -1,4 +1,4 @@
-//! What reports say of results: the form of a study of accuracy, verdicts over inserted implants.
+//! Contents of reports: the form of a study of accuracy, verdicts over inserted implants.
 
 use std::time::Duration;
 

@@ -34,7 +34,7 @@ pub enum BlendError {
         "vertex {vertex} is not joined to vertex 0; the Laplacian of the shapes has no unique solution"
     )]
     Apart {
-        /// The vertex.
+        /// Index of the vertex.
         vertex: u32,
     },
     /// The linear system has no solution.

@@ -206,7 +206,7 @@ impl<'a> Planner<'a> {
     /// The effect with a key runs on some elements.
     pub fn run(&mut self, effect: &'static str, elements: usize, bytes: usize) {
         let sweeps = match self.scene.solver.minimisation() {
-            // An equilibrium next to the last takes about so many evaluations.
+            // The number of evaluations of an equilibrium that starts at the previous one.
             Some(s) => f64::from(s.substeps) * f64::from(s.iterations.min(20)),
             None => {
                 f64::from(self.scene.solver.substeps()) * f64::from(self.scene.solver.iterations())
@@ -219,7 +219,8 @@ impl<'a> Planner<'a> {
 
     /// The muscle reaches obstacle `o`; the effect is contact with it.
     pub fn reaches(&mut self, o: usize, effect: &str, elements: usize, bytes: usize) {
-        // By vertices: what a bone's points cost goes with the muscle that they meet.
+        // By vertices: the cost of a bone's points is proportional to those of the
+        // muscle.
         let vertices = self.mesh().vertices.len() as f64;
         let ms_per_frame = vertices * nanoseconds("contact") * sub_steps(self.scene) * 1e-6;
         self.decided.obstacles.push(o);

@@ -264,7 +264,7 @@ impl Stencil<4> for Contact {
         match self {
             Self::Press(t) => {
                 let (gap, (_, _, stiff)) = t.pressed(x)?;
-                // A third: the springs hold in one direction of three.
+                // A third: the springs act in one direction of three.
                 let k = t.stiffness * stiff / 3.0;
                 Some(gap.gradient.map(|g| gap.gradient.map(|h| k * g.dot(&h))))
             }

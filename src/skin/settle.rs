@@ -340,7 +340,7 @@ impl Relax for Rounds<'_, '_> {
         progress.iterations += outcome.iterations;
         progress.residual = outcome.residual;
         progress.pressure = pressures.iter().copied().reduce(larger).unwrap_or(0.0);
-        // Of an implant alone all its vertices.
+        // For an implant alone, all its vertices.
         let judged = if model.layers.count() == 0 {
             x.len()
         } else {

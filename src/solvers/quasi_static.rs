@@ -305,7 +305,8 @@ impl<G: Guard> Relax for Descent<'_, G> {
         }
         let last = outcome.iterations >= solver.problem.settings.iterations;
         (*direction, *multipliers) = match last && solver.active.rows().is_empty() {
-            // Nothing goes along it any more; the least force that gives the volumes' multipliers needs none.
+            // No field moves along it any more; the multipliers of the volumes with the least
+            // force need none.
             true => (Field::new(), solver.problem.first_multipliers(state)),
             false => solver.direction(state),
         };
@@ -334,7 +335,7 @@ impl<G: Guard> Relax for Descent<'_, G> {
             if solver.history.is_empty() {
                 return Ok(false);
             }
-            // What was remembered misled it: once more from the constant matrix alone.
+            // The history is misleading: tries again with the constant matrix alone.
             solver.history.clear();
             solver.spreads.0.clear();
             return Ok(true);
@@ -342,7 +343,7 @@ impl<G: Guard> Relax for Descent<'_, G> {
         outcome.iterations += 1;
         solver.learn(x, &end, state, &new, multipliers);
         x.copy_from_slice(&end);
-        // An angle turns by far less than a period between two notes.
+        // An angle turns by much less than a period between two updates.
         if outcome.iterations.is_multiple_of(NOTED) {
             solver.problem.energy.remember(x);
         }

@@ -11,10 +11,10 @@ use crate::constraints::spring::{FromPlace, Spring};
 /// back.
 pub type Anchors = Stencils<Spring<FromPlace, Hooke>, 1>;
 
-/// Anchors of `count` points: the point, the place [m], the spring.
+/// Creates anchors of `count` points from triples of point, fixed position [m] and spring.
 ///
 /// # Errors
-/// A point out of range, a place or a parameter that is not finite.
+/// A point out of range, or a position or a parameter that is not finite.
 pub fn anchors(
     count: usize,
     anchors: impl IntoIterator<Item = (u32, Point3<f64>, Hooke)>,

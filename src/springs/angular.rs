@@ -18,10 +18,11 @@ pub struct AngularSpring {
 /// Angular springs.
 pub type AngularSprings = Stencils<Spring<ToMiddle, Hooke>, 3>;
 
-/// Springs between `count` points.
+/// Creates angular springs between `count` points.
 ///
 /// # Errors
-/// A point out of range or twice in a spring, a parameter that is not finite or a negative rest length.
+/// A point out of range or twice in a spring, a parameter that is not finite, or a negative
+/// rest length.
 pub fn angular_springs(
     count: usize,
     springs: impl IntoIterator<Item = AngularSpring>,

@@ -1,4 +1,4 @@
-//! How long a step may be: the stiffest motion of a system, and the limit of an integrator for it.
+//! Stable time steps: the stiffest mode of a system, and the limit of an integrator for it.
 
 use nalgebra::Vector3;
 
@@ -7,14 +7,14 @@ use super::system::SpringSystem;
 use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
 
-/// Steps of the search for the stiffest motion at most.
+/// Greatest number of steps of the search for the stiffest mode.
 const MOST: usize = 120;
-/// It ends when the value rose by less than this share in the last few steps.
+/// The search ends when the value increased by less than this share in the last few steps.
 const SETTLED: f64 = 1e-7;
-/// So many steps lie between two looks at the value.
+/// Number of steps between two tests of the value.
 const BETWEEN: usize = 6;
 
-/// One motion of a system, `x'' + damping_rate x' + angular_frequency_squared x = 0`.
+/// A mode of a system, `x'' + damping_rate x' + angular_frequency_squared x = 0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mode {
     /// Stiffness over mass, the square of the angular frequency [1/s2].
@@ -24,7 +24,7 @@ pub struct Mode {
 }
 
 impl Mode {
-    /// Of one mass [kg] on one spring [N/m] with damping [N s/m].
+    /// The mode of one mass [kg] on one spring [N/m] with damping [N s/m].
     pub fn of(stiffness: f64, damping: f64, mass: f64) -> Self {
         Self {
             angular_frequency_squared: stiffness / mass,
@@ -33,22 +33,22 @@ impl Mode {
     }
 }
 
-/// What limits the step of a system.
+/// The limits on the time step of a system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiffest {
-    /// The stiffest motion at the present positions, with the strongest damping of a point.
+    /// The stiffest mode at the present positions, with the strongest damping of a point.
     pub mode: Mode,
-    /// A bound on the square of its frequency, from row sums (Gershgorin) [1/s2].
+    /// A bound on its squared frequency, from row sums (Gershgorin) [1/s2].
     pub bound: f64,
-    /// Products with the stiffness matrix that it took.
+    /// Number of products with the stiffness matrix.
     pub products: usize,
 }
 
-/// The stiffest motion of a system at its present positions: the greatest eigenvalue of `M^-1/2 K M^-1/2`, by Lanczos's method
-/// from a fixed start.
+/// The stiffest mode of a system at its present positions: the greatest eigenvalue of
+/// `M^-1/2 K M^-1/2`, by the Lanczos method from a fixed start.
 ///
-/// The value is approached from below, to about 1e-6. Masses that differ make the damping over mass differ; the greatest
-/// counts, which makes limits of damped systems a little too short.
+/// The value is approached from below, to about 1e-6. Different masses give different damping per
+/// mass; the greatest is used, so limits of damped systems are slightly too short.
 pub fn stiffest(system: &SpringSystem) -> Stiffest {
     let free = || (0..system.len()).filter(|&i| !system.pinned()[i]);
     let lightest = free()
@@ -72,14 +72,15 @@ pub fn stiffest(system: &SpringSystem) -> Stiffest {
     }
 }
 
-/// `M^-1 K` has the same eigenvalues, and row sums of K over the point's own mass bound them.
+/// `M^-1 K` has the same eigenvalues; row sums of K over the point's own mass bound them.
 fn row_bound(system: &SpringSystem, sums: &[f64], i: usize) -> f64 {
     sums[i] / system.mass()[i]
 }
 
-/// The longest stable step [s] of an integrator for a system, at its present positions; 0 for none.
+/// The longest stable step [s] of an integrator for a system at its present positions; 0 for none.
 ///
-/// The stiffest motion and one without stiffness are looked at: between them limits of all integrators here are longer.
+/// The test uses the stiffest mode and one without stiffness: between them the limits of all
+/// integrators here are longer.
 pub fn limit(integrator: &dyn Integrator, stiffest: &Stiffest) -> f64 {
     let rigid = Mode {
         angular_frequency_squared: 0.0,
@@ -88,7 +89,7 @@ pub fn limit(integrator: &dyn Integrator, stiffest: &Stiffest) -> f64 {
     integrator.limit(stiffest.mode).min(integrator.limit(rigid))
 }
 
-/// The greatest eigenvalue in size, and how many products it took.
+/// The eigenvalue of greatest magnitude, and the number of products.
 fn lanczos(system: &SpringSystem) -> (f64, usize) {
     let count = system.len();
     let root: Vec<f64> = system.mass().iter().map(|m| m.sqrt()).collect();
@@ -115,7 +116,7 @@ fn lanczos(system: &SpringSystem) -> (f64, usize) {
         diagonal.push(own);
         let beta = dot(&product, &product).sqrt();
         let scale = max_or_nan(diagonal.iter().chain(&beside).map(|v| v.abs()));
-        // What is left is round-off: the whole space that the start reaches was seen.
+        // The remainder is rounding error: the whole space of the start is explored.
         let ends = !(beta > 1e-12 * scale) || step == MOST;
         if ends || step % BETWEEN == 0 {
             let value = extreme(&diagonal, &beside);
@@ -131,7 +132,7 @@ fn lanczos(system: &SpringSystem) -> (f64, usize) {
     (last, MOST)
 }
 
-/// A start that no symmetry of a mesh shares: fixed numbers in no order.
+/// A start without the symmetry of any mesh: fixed numbers in irregular order.
 fn start(i: usize, pinned: bool) -> Vector3<f64> {
     if pinned {
         return Vector3::zeros();
@@ -143,7 +144,8 @@ fn start(i: usize, pinned: bool) -> Vector3<f64> {
     })
 }
 
-/// The eigenvalue of greatest size of a symmetric tridiagonal matrix, by bisection with Sturm's counts.
+/// The eigenvalue of greatest magnitude of a symmetric tridiagonal matrix, by bisection with Sturm
+/// counts.
 fn extreme(diagonal: &[f64], beside: &[f64]) -> f64 {
     let around = |i: usize| {
         let left = if i > 0 { beside[i - 1].abs() } else { 0.0 };

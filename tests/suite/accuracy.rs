@@ -1,4 +1,5 @@
-//! What accuracy costs: references stand still, errors fall towards them, and what is chosen keeps what was asked for.
+//! Cost of accuracy: references converge, errors fall towards them, and a chosen setting keeps
+//! its target.
 
 use std::cell::Cell;
 use std::fs;
@@ -40,7 +41,8 @@ impl Progress for Impatient {
     }
 }
 
-/// A tube of 100 mm with both ends held by bones, one of which turns by 20 degrees in six frames.
+/// A tube of 100 mm with both ends fixed to bones, one of which rotates by 20 degrees in six
+/// frames.
 fn scene(name: &str, solver: &str) -> (Scene, Assets) {
     let folder =
         std::env::temp_dir().join(format!("pliant-accuracy-{}-{name}", std::process::id()));
@@ -105,7 +107,7 @@ fn study(name: &str, solver: &str) -> Study {
     measure(&scene, &assets, options, &Silent).expect("a study")
 }
 
-/// Of a motion, measured once for all tests that look at it.
+/// The study of a motion, measured once for all tests that use it.
 static MOTION: LazyLock<Study> =
     LazyLock::new(|| study("motion", "[solver.xpbd]\nsubsteps = 20\n"));
 
@@ -142,7 +144,7 @@ fn errors_of_a_motion_fall_towards_its_reference() {
         .map(|n| with_one_sweep(study, n).error.rms)
         .into();
     assert!(errors.windows(2).all(|e| e[1] < e[0]), "{errors:?}");
-    // Two methods that know nothing of each other tend to the same motion.
+    // Two independent methods converge to the same motion.
     let apart = with_one_sweep(study, 256).error.rms;
     assert!(
         apart <= errors[0] / 10.0 + uncertainty,

@@ -1,4 +1,4 @@
-//! Bodies that several promises are shown on.
+//! Bodies for the tests of several properties.
 
 use std::sync::Arc;
 
@@ -51,7 +51,7 @@ pub fn batch<C: pliant::constraints::Constraint<K>, const K: usize>(
     Batch::new(all, compliance, order, count, &[])
 }
 
-/// A closed body with edges, hinges and volume kept; a mass of `mass` [kg] at each vertex.
+/// A closed body with edges, hinges and conserved volume; a mass of `mass` [kg] at each vertex.
 pub fn elastic(mesh: &TriangleMesh, mass: f64, compliance: [f64; 3], iterations: u32) -> System {
     let count = mesh.vertices.len();
     let particles = Particles::at_rest(mesh.vertices.clone(), vec![1.0 / mass; count]);
@@ -77,7 +77,7 @@ pub fn elastic(mesh: &TriangleMesh, mass: f64, compliance: [f64; 3], iterations:
     system
 }
 
-/// A chain along -z from the origin, `links` long with `length` [m] each; particle 0 is held.
+/// A chain of `links` links of `length` [m] each along -z from the origin; particle 0 is fixed.
 pub fn chain(
     links: usize,
     length: f64,
@@ -122,7 +122,7 @@ pub fn bits(particles: &Particles) -> Vec<u64> {
     position.chain(velocity).map(f64::to_bits).collect()
 }
 
-/// Positions as plain numbers, all finite.
+/// Positions as plain numbers. All must be finite.
 pub fn finite(particles: &Particles) -> bool {
     particles.first_non_finite().is_none()
 }

@@ -1,4 +1,5 @@
-//! A simulation that goes on from a checkpoint has the bytes of one that never stopped (P44).
+//! A simulation resumed from a checkpoint has the same bytes as an uninterrupted simulation
+//! (P44).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,7 +19,7 @@ fn scene(name: &str, overrides: &[&str]) -> Scene {
     load(name, &overrides).unwrap_or_else(|e| panic!("{}", e.terse()))
 }
 
-/// Meshes by what they are made from: that takes longer than to run a few frames.
+/// Meshes by their source: creating them takes longer than running a few frames.
 static MESHES: Mutex<BTreeMap<String, Assets>> = Mutex::new(BTreeMap::new());
 
 fn made(scene: &Scene) -> Simulation {
@@ -47,7 +48,7 @@ fn checkpoint(simulation: &Simulation) -> Vec<u8> {
     save(simulation, &Fingerprint::of(simulation), b"beside")
 }
 
-/// A fresh simulation of `scene`, put where the checkpoint says.
+/// A fresh simulation of `scene` in the state of the checkpoint.
 fn resumed(scene: &Scene, bytes: &[u8]) -> Result<Simulation, Refused> {
     let mut simulation = made(scene);
     let fingerprint = Fingerprint::of(&simulation);
@@ -55,7 +56,8 @@ fn resumed(scene: &Scene, bytes: &[u8]) -> Result<Simulation, Refused> {
     Ok(simulation)
 }
 
-/// Runs to the end, keeping the state after each frame; then again from a checkpoint at a drawn frame. Returns the run.
+/// Runs to the end and keeps the state after each frame; then runs again from a checkpoint at a
+/// random frame. Returns the run.
 fn check(scene: &Scene, seed: u64) -> Simulation {
     let mut draw = Draw::new(seed);
     let stop = draw.index(scene.frames);
@@ -194,7 +196,8 @@ fn p44_press() {
     assert!(touching(&check(&scene("press", &small), 8)) > 0);
 }
 
-/// Two muscles: one is held by a plate, the other begins displaced, out of the box that the plan foresaw, and meets it.
+/// Two muscles. One is fixed by a plate; the other begins displaced, outside the planned box,
+/// and meets it.
 fn fallen(solver: &str) -> Scene {
     let count = {
         let text = two_muscles("", solver);
@@ -329,7 +332,7 @@ fn p44_control_what_is_forgotten_or_changed_shows() {
     let particles = straight.bodies[0].system.particles.clone();
     straight.step_frame();
     let wanted = bytes_of(&straight);
-    // All but what contact remembers, which is that of the start.
+    // Everything but the memory of contact, which is that of the start.
     let mut forgetful = resumed(&scene, &kept).expect("its own checkpoint");
     forgetful.bodies[0].system.contacts = made(&scene).bodies.remove(0).system.contacts;
     forgetful.step_frame();
@@ -337,7 +340,8 @@ fn p44_control_what_is_forgotten_or_changed_shows() {
         bytes_of(&forgetful) != wanted,
         "contact was forgotten and nothing differs"
     );
-    // A low bit of one position, but above what the rounding of a step may swallow, with a checksum that fits.
+    // A low bit of one position, large enough to survive the rounding of a step, with a matching
+    // checksum.
     let x = straight_position(&kept, &particles);
     let mut changed = kept[..kept.len() - CHECKSUM].to_vec();
     changed[x + 1] ^= 1;
@@ -353,7 +357,7 @@ fn p44_control_what_is_forgotten_or_changed_shows() {
     );
 }
 
-/// Where the first coordinate of the first free vertex stands.
+/// Offset of the first coordinate of the first free vertex.
 fn straight_position(kept: &[u8], particles: &pliant::particles::Particles) -> usize {
     let free = particles
         .inverse_mass
@@ -392,7 +396,7 @@ fn p44_every_cut_and_every_flipped_bit_is_refused() {
             );
         }
     }
-    // A large one, at drawn places.
+    // A large scene, at random places.
     let hip = hip(&[
         "solver=quasi_static",
         "quasi_static.iterations=20",
@@ -445,7 +449,7 @@ fn p44_other_versions_and_other_scenes_are_refused_by_name() {
         text.contains("(format 0)") && text.contains("(format 2)"),
         "{text}"
     );
-    // A longer run of the same is none other; a shorter one lacks the frame.
+    // A longer run counts as the same run; a shorter run lacks the frame.
     assert!(resumed(&scene_of(&["frames=9"]), &kept).is_ok());
     let mut later = made(&base);
     (0..2).for_each(|_| later.step_frame());

@@ -1,5 +1,5 @@
-//! What is kept through 1000 steps of twisting: the volume of a body of tetrahedra, the balance of pressure with a finite
-//! bulk modulus, and the sums that a volume is (P36).
+//! Quantities conserved through 1000 steps of twisting: the volume of a body of tetrahedra, the
+//! balance of pressure with a finite bulk modulus, and the sums that define a volume (P36).
 
 use nalgebra::{Point3, Rotation3, Vector3};
 use pliant::constraints::{Distance, EnclosedVolume, Order, Project};
@@ -13,14 +13,14 @@ use pliant::solvers::System;
 use crate::bodies::{batch, edges, finite, hinges, settings};
 use crate::tolerances::{T6, worst};
 
-/// Rounding of a sum of volumes over the sum of their sizes, as the row of P36 says.
+/// Rounding error of a sum of volumes relative to the sum of their sizes, as in the row of P36.
 const SUM: f64 = 8.0 * f64::EPSILON;
 
 /// A block of cubes of side `side` [m], each of six tetrahedra about its diagonal.
 struct Block {
     vertices: Vec<Point3<f64>>,
     tetrahedra: Vec<[u32; 4]>,
-    /// What has one tetrahedron only, outward.
+    /// Faces that belong to one tetrahedron only, oriented outward.
     surface: Vec<[u32; 3]>,
     edges: Vec<Distance>,
 }
@@ -105,12 +105,12 @@ fn boundary(tetrahedra: &[[u32; 4]]) -> Vec<[u32; 3]> {
         .collect()
 }
 
-/// The angle [rad] of the turned end at a step: to and fro, twice.
+/// The angle [rad] of the rotated end at a step: back and forth, twice.
 fn angle(step: u32) -> f64 {
     1.5 * (f64::from(step) * 0.0126).sin()
 }
 
-/// Vertices at both ends along x, and whether each is turned.
+/// Vertices at both ends along x, and whether each is rotated.
 fn ends(vertices: &[Point3<f64>]) -> Vec<(usize, bool)> {
     let low = vertices.iter().map(|p| p.x).fold(f64::INFINITY, f64::min);
     let high = vertices
@@ -125,7 +125,7 @@ fn ends(vertices: &[Point3<f64>]) -> Vec<(usize, bool)> {
         .collect()
 }
 
-/// Turns one end about the axis through `centre` along x.
+/// Rotates one end about the axis through `centre` along x.
 fn pose(
     x: &mut [Point3<f64>],
     rest: &[Point3<f64>],
@@ -199,14 +199,14 @@ fn without_the_constraint_a_body_of_tetrahedra_does_not() {
     }
     let ratio = tree_sum(&block.volumes(&twisted)) / tree_sum(&block.volumes(&block.vertices));
     assert!(!((ratio - 1.0).abs() <= T6), "{ratio}");
-    // Control of the identity: a surface with a triangle less.
+    // Control of the identity: a surface with a missing triangle.
     let open = &block.surface[1..];
     let off = (volume(&twisted, open) - tree_sum(&block.volumes(&twisted))).abs();
     assert!(!(off <= SUM * tree_sum(&block.volumes(&twisted))));
 }
 
-/// Greatest departure of the pressure that the projection applies from that of the bulk modulus, and of any vertex's
-/// displacement from the pressure's; both over the greatest.
+/// Greatest difference between the applied pressure and that of the bulk modulus, and between
+/// any vertex's displacement and that of the pressure; both relative to the greatest value.
 fn imbalance(bulk: f64, claimed: f64) -> [f64; 2] {
     let mesh = tube(0.05, 0.3, 10);
     let (count, dt, v0) = (mesh.vertices.len(), 0.002, mesh.volume());
@@ -319,7 +319,7 @@ fn p36_volumes_are_sums_and_do_not_depend_on_the_place() {
             assert!(off <= SUM, "{off:e}");
             assert!((tree_sum(&of) - kept.total()).abs() <= SUM * sizes);
         }
-        // On a grid of 2^-20 m no coordinate is rounded by the move.
+        // On a grid of 2^-20 m the translation rounds no coordinate.
         let by = Vector3::new(1.0, -1.0, 0.5) * f64::from(1 << 25);
         let moved = TriangleMesh {
             vertices: mesh.vertices.iter().map(|p| p + by).collect(),
@@ -334,7 +334,7 @@ fn p36_volumes_are_sums_and_do_not_depend_on_the_place() {
             of(&moved) == of(&mesh),
             "volume and gradient far off differ"
         );
-        // Control: about the origin of space and not of the body, digits are lost.
+        // Control: relative to the origin of space instead of the body, digits are lost.
         let far = |m: &TriangleMesh| {
             let of = |t: &[u32; 3]| {
                 let [a, b, c] = t.map(|v| m.vertices[v as usize].coords);

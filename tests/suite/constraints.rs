@@ -1,4 +1,5 @@
-//! A projection does what the formula says, keeps momentum, and depends on nothing it should not (P9 to P18).
+//! A projection agrees with the formula, conserves momentum, and has no wrong dependence (P9 to
+//! P18).
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
@@ -40,7 +41,7 @@ impl Spec<4> for SixfoldVolume {
     }
 }
 
-/// A distance that forgets its second point: momentum is lost.
+/// A distance without its second point: momentum is lost.
 #[derive(Clone, Copy)]
 struct OneSided(Distance);
 
@@ -150,7 +151,7 @@ fn p10_permuted_points_give_the_same_constraint() {
             };
             permuted((contact, other), &x, order, 1.0).unwrap();
         }
-        // Control: the wrong sign of a permutation is seen.
+        // Control: the wrong sign of a permutation is detected.
         assert!(permuted((volume, volume), &x, [1, 0, 2, 3], 1.0).is_err());
         assert!(permuted((hinge, hinge), &x, [1, 0, 3, 2], -1.0).is_err());
     }
@@ -166,7 +167,8 @@ fn p10_permuted_points_give_the_same_constraint() {
     assert_eq!(KINDS, known);
 }
 
-/// Share of C = `t` that one full-stiffness projection leaves; `None` where the kind has no rest value.
+/// Remaining share of C = `t` after one full-stiffness projection; `None` where the kind has no
+/// rest value.
 fn left<C: Spec<K>, const K: usize>(
     x: &[Point3<f64>],
     w: &[f64],
@@ -188,7 +190,8 @@ fn left<C: Spec<K>, const K: usize>(
     Some(kind.value(&corners::<K>(&particles.position)).abs() / t)
 }
 
-/// Median order at which the residual of one projection falls with C, less one for the C it is divided by.
+/// Median order at which the residual of one projection falls with C, minus one for the
+/// division by C.
 fn newton<C: Spec<K>, const K: usize>(seed: u64) -> Result<(), String> {
     let (mut slopes, mut linear) = (Vec::new(), 0);
     let count = cases(101);
@@ -199,7 +202,7 @@ fn newton<C: Spec<K>, const K: usize>(seed: u64) -> Result<(), String> {
         if K > 1 {
             w[draw.index(K)] = 0.0;
         }
-        // A near-singular hinge turns fast: the changes must be small against it.
+        // A near-singular hinge rotates fast, so the changes must be small compared with it.
         let t = 2f64.powi(-10);
         let share = |t: f64| left::<C, K>(&x, &w, t, &mut Draw::new(seed));
         let (Some(a), Some(b)) = (share(t), share(t / 2.0)) else {
@@ -231,7 +234,7 @@ impl ForEachKind for Newton {
 #[test]
 fn p11_a_projection_leaves_a_residual_of_second_order() {
     for_each_kind(&mut Newton);
-    // Control: the printed formula leaves 5/6 of what it should remove.
+    // Control: the printed formula leaves 5/6 of the error.
     assert!(newton::<SixfoldVolume, 4>(11).is_err());
     let mut draw = Draw::new(11);
     let x = draw.shape(4);
@@ -258,7 +261,8 @@ fn p12_an_update_goes_downhill_in_its_merit() {
         let before = edge.value(&corners(&x));
         one.project(&mut particles, dt);
         let after = edge.value(&corners(&particles.position));
-        // Elastic energy plus the inertia of the correction: what the update minimises.
+        // Elastic energy plus the inertia of the correction: the function that the update
+        // minimises.
         let moved: f64 = (0..2)
             .map(|k| (particles.position[k] - x[k]).norm_squared() / w[k])
             .sum();
@@ -541,7 +545,8 @@ fn p18_substeps_converge_with_order_one() {
         let [a, b, c] = [error(n), error(2 * n), error(4 * n)];
         assert!(c > 1e-9, "{name}: no error to measure");
         let orders = [(a / b).log2(), (b / c).log2()];
-        // The reference is itself off by 1/64 of the finest error, which raises the order by as much.
+        // The reference itself has an error of 1/64 of the finest error, which raises the order
+        // by the same share.
         assert!(
             worst(orders.map(|o| (o - 1.0).abs())) <= T5,
             "{name}: orders {orders:?}"

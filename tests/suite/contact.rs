@@ -1,4 +1,5 @@
-//! Muscles stay out of bones and bones out of muscles (P31 to P34), friction, and the audit that says so.
+//! Muscles stay outside bones and bones outside muscles (P31 to P34); friction; the audit that
+//! reports this.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use pliant::contact::untangle::untangle;
@@ -34,7 +35,8 @@ fn lone(x: [Point3<f64>; 3], placed: &[PosedObstacle], thickness: f64, friction:
     system
 }
 
-/// Shoots single vertices at a bone, up to 1e4 thicknesses a step; counts those that end a step on the wrong side.
+/// Moves single vertices towards a bone, up to 1e4 thicknesses per step. Returns the number of
+/// vertices that end a step on the wrong side.
 fn shots(
     bone: &TriangleMesh,
     thickness: f64,
@@ -46,7 +48,8 @@ fn shots(
     let mut draw = Draw::new(31);
     let mut crossed = 0;
     for _ in 0..count {
-        // What begins inside may leave by either side: another is drawn, the count stays.
+        // A vertex that begins inside may leave on either side. Another one is drawn, so the
+        // count is unchanged.
         let outside = |p: &Vector3<f64>| {
             placed[0]
                 .obstacle
@@ -113,11 +116,12 @@ fn p31_nothing_tunnels_through_a_sphere() {
 #[test]
 fn p31_nothing_tunnels_through_a_thin_plate() {
     let bone = box_surface([8.0, 8.0, 8e-4], 4.0);
-    // The plate is wider than any path of three units from within 2: through the middle plane is through the plate.
+    // The plate is wider than any path of three units from within 2, so a path through the
+    // middle plane passes through the plate.
     let wrong = |before: &Point3<f64>, x: &Point3<f64>| {
         let within =
             x.x.abs() < 4.0 && x.y.abs() < 4.0 && before.x.abs() < 4.0 && before.y.abs() < 4.0;
-        // To end inside is as wrong as to pass.
+        // An end inside is as wrong as a passage.
         within && (before.z.signum() != x.z.signum() || x.z.abs() < 4e-4)
     };
     let count = cases(3000);
@@ -184,7 +188,7 @@ fn p32_a_resting_block_stays_on_its_plane() {
         }
     }
     let drift = centre(&system) - settled;
-    // A second at rest: not a millionth of the block.
+    // A second at rest moves less than a millionth of the block.
     assert!(drift.norm() <= T13 * 0.2, "{drift:?}");
     let (mut falling, placed, _) = resting(false);
     (0..100).for_each(|_| falling.step(&placed, 1.0 / 300.0).expect("finite"));
@@ -220,7 +224,7 @@ fn p33_a_deep_start_is_untangled() {
                 .iter()
                 .all(|p| p.coords.iter().all(|c| c.is_finite()))
         );
-        // What was moved out does not fly off.
+        // A vertex that was moved out gets no velocity.
         let mut system = elastic(&mesh, 1e-3, [1e-3, 1e1, 0.0], 1);
         system.contacts = Some(Contacts::new(
             &mesh,
@@ -295,7 +299,7 @@ fn p34_closing_plates_cross_nothing_silently() {
             .iter()
             .map(|p| p.z.abs() - gap / 2.0)
             .fold(f64::MIN, f64::max);
-        // No vertex is in a plate unless the pinched ones are counted.
+        // No vertex is in a plate unless the pinched vertices are counted.
         assert!(
             out == 0 || counts.pinched > 0,
             "gap {gap}: {out} vertices in a plate by {depth:e}, none pinched"
@@ -338,7 +342,7 @@ fn friction_holds_below_its_angle_and_lets_go_above() {
     }
     for friction in [0.55, 1.0] {
         let found = slid(friction, 0.5);
-        // It creeps by no more than what one step slides.
+        // The block creeps by at most the sliding distance of one step.
         assert!(
             found.abs() <= 0.02 * free(0.0, 0.5),
             "friction {friction}: slid {found}"
@@ -436,7 +440,7 @@ fn the_audit_finds_what_was_planted() {
         0,
         "held vertices may be inside"
     );
-    // The muscle swallows one bone vertex and none of its own vertices enter the bone.
+    // The muscle contains one bone vertex, and none of its own vertices enter the bone.
     let tip = pose * bone.vertices[0];
     let around = icosphere(0.02, 1);
     let swallowed: Vec<Point3<f64>> = around.vertices.iter().map(|p| tip + p.coords).collect();
@@ -458,14 +462,15 @@ fn clearance_is_a_bound_from_below_and_not_far_below() {
     for _ in 0..2000 {
         let p = Point3::from(draw.direction() * draw.between(1.01, 4.0));
         let exact = surface.closest(&p).expect("a surface").distance;
-        // From a good guess as from a bad one: any point of the surface bounds the distance from above.
+        // Good and bad guesses give the same result: any point of the surface is an upper bound
+        // of the distance.
         let known = bone.vertices[draw.index(bone.vertices.len())];
         let (lower, point) = surface.clearance(&p, &known);
         assert!(
             lower <= exact * (1.0 + 1e-12) && exact <= 1.2 * lower * (1.0 + 1e-12),
             "{lower} for {exact}"
         );
-        // What it leaves for the next time is on the surface, so it is no nearer than the nearest.
+        // The remembered point is on the surface, so it is no nearer than the nearest point.
         assert!((point - p).norm() >= exact * (1.0 - 1e-12));
         loose += usize::from(lower < 0.95 * exact);
     }
@@ -475,8 +480,9 @@ fn clearance_is_a_bound_from_below_and_not_far_below() {
     );
 }
 
-/// A vertex known only by a tiny ball over the bone, out of which its row lifted it, was put back by every later step
-/// though nothing held it: the real gluteus ended 9.5 mm from its start.
+/// Regression: contact knew of a vertex only by a tiny ball above the bone. The row of the
+/// vertex lifted it out of this ball, and every later step put it back although nothing fixed it.
+/// The real gluteus ended 9.5 mm from its start.
 #[test]
 fn a_vertex_hardly_over_a_bone_is_not_stuck_there() {
     let mut bone = box_surface([4.0, 4.0, 1.0], 2.0);

@@ -16,7 +16,8 @@ use pliant::testing::Draw;
 use crate::bodies::{batch, bits, edges, elastic, finite};
 use crate::tolerances::{T1, T7, T12, cases, worst};
 
-/// A hinge with heights 0.7 and 0.4, folded so that its wings are at the signed angle whose cosine and sine are given.
+/// A hinge with heights 0.7 and 0.4, folded so that its wings are at the signed angle with this
+/// cosine and sine.
 fn hinge(cos: f64, sin: f64) -> [Point3<f64>; 4] {
     let tip = Point3::new(0.6, -0.4 * cos, -0.4 * sin);
     [
@@ -58,7 +59,7 @@ fn p19_the_angle_is_good_at_flat_and_at_shut() {
                 let (c, g) = Bending::new([0, 1, 2, 3], 0.0)
                     .value_and_gradient(&x)
                     .expect("areas");
-                // Shut exactly, +pi and -pi are the same fold.
+                // Exactly shut, +pi and -pi are the same fold.
                 let off = (c - angle)
                     .abs()
                     .min((c.abs() - PI).abs() + (angle.abs() - PI).abs());
@@ -182,7 +183,7 @@ fn p22_an_inverted_tetrahedron_comes_back() {
             draw.seed
         );
     }
-    // The exact projection needs one step, through zero.
+    // The exact projection needs one step through zero.
     let mesh = tetrahedron();
     let mut particles =
         Particles::at_rest(mesh.vertices.iter().map(|p| -p).collect(), vec![1.0; 4]);
@@ -244,7 +245,7 @@ fn p23_coincident_particles_stay_finite() {
         // The documented rule: an edge without direction is skipped and counted.
         let (same, skipped, _) = run(0.0);
         assert_eq!((same, skipped), (run(0.0).0, 20 * pairs));
-        // One particle that stands apart gives the others a direction, along the same line.
+        // One particle at another place gives the others a direction, along the same line.
         let (_, skipped, after) = run(1e-6);
         assert!(skipped < 20 * pairs);
         let farthest = after
@@ -256,7 +257,8 @@ fn p23_coincident_particles_stay_finite() {
     }
 }
 
-/// Runs some steps, spoils the state at one of them, and returns what the step says and whether it was undone.
+/// Runs some steps and spoils the state at one of them. Returns the result of the step and
+/// whether it was undone.
 fn spoil(draw: &mut Draw, how: usize) -> (Result<(), Broken>, usize, bool) {
     let mesh = icosphere(1.0, 1);
     let mut system = elastic(&mesh, 0.1, [1e-5, 1e-3, 0.0], 2);
@@ -304,7 +306,7 @@ fn p24_what_is_not_finite_is_named_and_undone() {
         }
         assert!(undone, "case {case} of seed {seed} was not rolled back");
     }
-    // Control: nothing spoilt, nothing refused, and a step is no no-op.
+    // Control: an unspoilt state is accepted, and a step changes the state.
     let (result, _, undone) = spoil(&mut draw, 9);
     assert!(result.is_ok() && !undone);
 }
@@ -368,7 +370,8 @@ fn p25_an_exact_offset_changes_no_bit_of_what_acts() {
         batch.residual(&Particles::at_rest(at.to_vec(), vec![1.0; count]), 0.1)
     };
     assert_eq!(residual(&mesh.vertices), residual(&moved.vertices));
-    // Positions themselves are stored to an ulp of the offset, so a run differs by about that at each visit.
+    // Positions are stored with an error of an ulp of the offset, so runs differ by about this
+    // value at each visit.
     let run = |mesh: &pliant::mesh::TriangleMesh| {
         let mut system = elastic(mesh, 0.1, [1e-4, 1e-2, 1e-4], 1);
         system.settings.gravity = Vector3::new(0.0, 0.0, -9.81);
@@ -381,7 +384,8 @@ fn p25_an_exact_offset_changes_no_bit_of_what_acts() {
             .zip(run(&moved))
             .map(|(a, b)| (a + by - b).norm()),
     );
-    // Ten steps, about 40 roundings of half an ulp each, which v = dx/dt carries into later steps: 10^2 / 2 times.
+    // Ten steps with about 40 roundings of half an ulp each. v = dx/dt carries each into later
+    // steps: 10^2 / 2 times.
     assert!(
         off <= 50.0 * 40.0 * by.x * f64::EPSILON,
         "deviation {off:e}"

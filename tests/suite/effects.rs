@@ -1,4 +1,5 @@
-//! An effect left out, for whatever reason, takes no call, no byte, and changes no bit.
+//! An omitted effect makes no call, uses no byte, and changes no bit, for every kind of
+//! omission.
 
 use std::collections::BTreeMap;
 use std::hash::{Hash, Hasher};
@@ -14,14 +15,15 @@ use proptest::prelude::*;
 
 use crate::bodies::bits;
 
-/// How a scene asks for an effect. Where there is more than one way to ask for nothing, each has a number.
+/// Form in which a scene requests an effect. Several forms of an effect without influence are
+/// numbered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Asked {
-    /// Not at all.
+    /// Omitted.
     Absent,
-    /// With a strength of zero, or where it can never reach.
+    /// With a strength of zero, or out of reach.
     Void,
-    /// Really.
+    /// With influence.
     On,
 }
 use Asked::{Absent, On, Void};
@@ -38,7 +40,7 @@ struct Wish {
     fibres: bool,
 }
 
-/// Nothing at all.
+/// No effect at all.
 const NOTHING: Wish = Wish {
     stretch: Absent,
     bending: Absent,
@@ -140,7 +142,7 @@ fn scene(wish: &Wish) -> String {
     toml
 }
 
-/// What a run of two frames leaves.
+/// Traces of a run of two frames.
 #[derive(Debug, PartialEq)]
 struct Traces {
     /// Effects of the plan and their bytes.
@@ -231,7 +233,8 @@ fn wish() -> impl Strategy<Value = Wish> {
     )
 }
 
-/// The same wish with each vain part left out. A wish for the classic solver stays one, to be compared with its like.
+/// The same wish without each part that has no influence. A wish for the classic solver stays
+/// one, for comparison within that solver.
 fn plain(wish: &Wish) -> Wish {
     let only = |asked: Asked| if asked == On { On } else { Absent };
     let anisotropy = if wish.fibres && wish.stretch == On {
@@ -286,7 +289,7 @@ proptest! {
     }
 }
 
-/// Negative control: each effect, asked for really, leaves traces that the property would see.
+/// Negative control: each effect with influence leaves traces that the property would detect.
 #[test]
 fn an_effect_that_acts_leaves_a_trace() {
     let moving = Wish {
@@ -345,7 +348,7 @@ fn an_effect_that_acts_leaves_a_trace() {
         assert_ne!(found.state, still.state, "{name} changes nothing");
         assert_ne!(found.planned, still.planned, "{name} is not in the plan");
     }
-    // Without effects nothing is called but nothing is broken either: the ball rests.
+    // Without effects no effect is called, and the ball stays at rest without an error.
     let nothing = traces(&NOTHING);
     assert_eq!(
         (nothing.bytes, nothing.calls.len(), nothing.planned.len()),

@@ -1,4 +1,5 @@
-//! Solvers of equilibrium: derivatives of the energy, invariants of the solution, obstacles, and each against the other.
+//! Equilibrium solvers: derivatives of the energy, invariants of the solution, obstacles, and
+//! comparison of the solvers.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use pliant::constraints::second::Second;
@@ -27,7 +28,8 @@ struct Derivatives {
     kinds: usize,
 }
 
-/// Largest error of a Hessian by central differences of the gradient with step `h`, over its largest entry.
+/// Largest error of a Hessian relative to central differences of the gradient with step `h`,
+/// divided by its largest entry.
 fn hessian_error<C: Constraint<K>, const K: usize>(
     c: &C,
     x: &[Point3<f64>; K],
@@ -73,7 +75,8 @@ impl ForEachKind for Derivatives {
                     .zip(&second.gradient)
                     .map(|(a, b)| (a - b).norm()),
             );
-            // A hinge's gradient is divided by heights of 0.1 and more, each rounding by as much.
+            // The gradient of a hinge is divided by heights of 0.1 and more, which increases
+            // each rounding by the same factor.
             assert!(
                 (second.value - value).abs() <= 100.0 * T2,
                 "{}: value",
@@ -85,7 +88,8 @@ impl ForEachKind for Derivatives {
                 C::NAME
             );
             let [coarse, fine] = [1e-3, 5e-4].map(|h| hessian_error(&constraint, &x, &second, h));
-            // A Hessian of zero, or of a constraint of second degree, has no error that could fall.
+            // A Hessian that is zero or belongs to a constraint of second degree has no error
+            // that could fall.
             if coarse > 1e-9 {
                 orders.push((coarse / fine).log2());
             }
@@ -106,7 +110,7 @@ fn second_derivatives_of_every_constraint_are_those_of_its_gradient() {
     };
     for_each_kind(&mut all);
     assert_eq!(all.kinds, pliant::constraints::KINDS.len());
-    // Control: a Hessian with two points exchanged is noticed.
+    // Control: a Hessian with two exchanged points is detected.
     let hinge = pliant::constraints::Bending::new([0, 1, 2, 3], 0.3);
     let x: [Point3<f64>; 4] = Draw::new(3).shape(4).try_into().expect("four points");
     let mut wrong = hinge.value(&Second::variables(&x));
@@ -114,7 +118,7 @@ fn second_derivatives_of_every_constraint_are_those_of_its_gradient() {
     assert!(!(hessian_error(&hinge, &x, &wrong, 5e-4) <= 2e-2));
 }
 
-/// A closed tube 2 m long with its vertices within 0.3 m of the ends held.
+/// A closed tube 2 m long with fixed vertices within 0.3 m of the ends.
 struct Tube {
     mesh: TriangleMesh,
     inverse_mass: Vec<f64>,
@@ -154,7 +158,8 @@ impl Tube {
         }
     }
 
-    /// The held vertices of one half where `pose` puts them, those of the other where they are.
+    /// The fixed vertices: those of one half at their positions in `pose`, those of the other
+    /// half unchanged.
     fn held(&self, pose: &Isometry3<f64>, both: bool) -> Vec<(u32, Point3<f64>)> {
         let middle = self.mesh.bounding_box().center();
         let along = self.mesh.bounding_box().extents().imax();
@@ -284,7 +289,7 @@ fn an_equilibrium_has_the_same_bits_for_any_number_of_threads() {
     );
 }
 
-/// A floor at a height, as a guard of single vertices.
+/// A floor at a height, as an obstacle for single vertices.
 struct Floor {
     height: f64,
 }
@@ -337,7 +342,8 @@ fn a_tube_on_a_floor_balances_its_weight() {
         .collect();
     assert!(down.len() >= 3, "{} vertices touch the floor", down.len());
     assert!(x.iter().all(|p| p.y >= floor.height));
-    // What the floor bears: the force on each vertex that touches points down, on all others there is none.
+    // The load on the floor: the force on each touching vertex points down, and on all others it
+    // is zero.
     let mut gradient = vec![Vector3::zeros(); x.len()];
     let energy_at = energy();
     energy_at.value_and_gradient(&x, &mut gradient);
@@ -355,7 +361,7 @@ fn a_tube_on_a_floor_balances_its_weight() {
             assert!(force(v).norm() <= scale, "vertex {v}: {}", force(v));
         }
     }
-    // Without a floor it hangs lower.
+    // Without a floor the body hangs lower.
     let mut free = tube.mesh.vertices.clone();
     assert!(
         solver
@@ -430,8 +436,8 @@ fn a_factor_solves_and_tells_what_is_not_positive_definite() {
     assert!(factor.factorise().is_err());
 }
 
-/// Two tubes side by side, the second moved by `apart` [m], joined by springs of `joined` [N/m] between vertices of the same
-/// number, with these shares of their volumes kept inside.
+/// Two tubes side by side, the second moved by `apart` [m]. Springs of `joined` [N/m] connect
+/// vertices of the same number. `shares` gives the conserved share of the volume of each tube.
 fn two_tubes(
     apart: f64,
     joined: f64,
@@ -508,7 +514,8 @@ fn several_volumes_are_kept_at_once() {
     let solve = |joined: f64| {
         let (energy, mut x, inverse_mass) = two_tubes(1.0, joined, shares, 0.0);
         let start = x.clone();
-        // Newton's method goes on from where the other came, which keeps volumes from the first step on.
+        // Newton's method continues from the result of the other solver, which conserves volumes
+        // from the first step on.
         let mut first = QuasiStatic::new(energy, &x, &inverse_mass, settings).expect("held");
         assert!(first.solve(&mut x, &mut Unguarded, |_, _| true).converged);
         let kept = |x: &[Point3<f64>]| -> Vec<f64> {
@@ -536,13 +543,13 @@ fn several_volumes_are_kept_at_once() {
     };
     let (apart, free) = solve(0.0);
     let (joined, pressed) = solve(3.0);
-    // Joined, each feels the other.
+    // Connected tubes affect each other.
     assert!(
         (free[0] - pressed[0]).abs() > 1e-3 * free[0],
         "{free:?}, {pressed:?}"
     );
     assert!(worst(apart.iter().zip(&joined).map(|(a, b)| (a - b).norm())) > 1e-4);
-    // Alone, each is as if there were no other.
+    // Each unconnected tube behaves as if alone.
     let (mut energy, mut x, inverse_mass) = two_tubes(1.0, 0.0, shares, 0.0);
     energy.volumes.truncate(1);
     let mut newton = Newton::new(energy, &x.clone(), &inverse_mass, settings).expect("held");
@@ -562,7 +569,8 @@ fn several_volumes_are_kept_at_once() {
 
 #[test]
 fn several_volumes_are_kept_far_from_the_origin() {
-    // There one volume is known only to more than its own rounding; a search that asks for less finds nothing.
+    // One volume is known there only to more than its own rounding error. A search with a
+    // smaller tolerance finds nothing.
     let pressures = [0.0, 50.0].map(|away| {
         let (energy, mut x, inverse_mass) = two_tubes(1.0, 3.0, [1.1, 0.97], away);
         let settings = Settings {

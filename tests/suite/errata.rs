@@ -1,4 +1,4 @@
-//! Errata of the first source that no promise of another file shows; `docs/errata.md` lists them all.
+//! Errata of the first source that no other file shows; `docs/errata.md` lists all of them.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::{Batch, Constraint, Distance, Order, Project, Scalar};
@@ -16,7 +16,7 @@ use pliant::solvers::System;
 use crate::bodies::{batch, settings, still};
 use crate::tolerances::{T1, T10};
 
-/// An edge whose function is multiplied, which is what the source says of stiffness.
+/// An edge with a multiplied function, which is the stiffness of the source.
 #[derive(Clone, Copy)]
 struct Scaled {
     edge: Distance,
@@ -38,7 +38,7 @@ impl Constraint<2> for Scaled {
     }
 }
 
-/// The share of an edge's error that some projections leave.
+/// Remaining share of an edge's error after some projections.
 fn left<C: Constraint<2>>(batch: &mut Batch<C, 2>, projections: usize) -> f64 {
     let x = vec![Point3::origin(), Point3::new(1.5, 0.0, 0.0)];
     let mut particles = Particles::at_rest(x, vec![1.0, 3.0]);
@@ -122,7 +122,8 @@ fn a05_stiffness_multiplies_the_displacement() {
             (found - expected).abs() <= T1,
             "{k} {projections} times leaves {found}, not {expected}"
         );
-        // As printed nothing happens: a projection does not feel the scale of its function.
+        // The printed rule has no effect: a projection does not depend on the scale of its
+        // function.
         let printed = left(
             &mut batch(vec![Scaled { edge, by: k }], 0.0, Order::Stored, 2),
             projections,
@@ -134,8 +135,8 @@ fn a05_stiffness_multiplies_the_displacement() {
     }
 }
 
-/// A vertex at the origin with or without contact, and where it is after a step of a second in which it would move by
-/// `by` while a plate moves from one height to another.
+/// Position after a step of one second of a vertex from the origin, with or without contact.
+/// The vertex would move by `by` while a plate moves from one height to another.
 fn after(by: f64, plate: (f64, f64), guarded: bool) -> f64 {
     let bone = box_surface([2.0, 2.0, 0.02], 1.0);
     let at = |z: f64| Isometry3::translation(0.0, 0.0, z);
@@ -167,7 +168,7 @@ fn after(by: f64, plate: (f64, f64), guarded: bool) -> f64 {
     }
     system.particles.velocity[0].z = by;
     system.step(&placed(plate.0, plate.1), 1.0).expect("finite");
-    // The target of the move is free, so that a test of it alone sees nothing.
+    // The target of the move is free, so a test of the target alone finds nothing.
     let target = at(plate.1).inverse() * Point3::new(0.1, 0.2, by);
     assert_eq!(
         Inside::new(&bone.vertices, &bone.triangles).winding(&target),
@@ -200,7 +201,7 @@ fn a17_walking_back_from_the_target_passes_a_thin_bone_and_walking_to_it_does_no
     let p = |z: f64| Point3::new(0.1, 0.2, z);
     for fill in [Fill::Centre, Fill::Touch] {
         let grid = BitGrid::new(&bone, 64, fill);
-        // A target in the bone is walked back to the side from which it came, within a box.
+        // A target in the bone is moved back within a box to the side of its start.
         let end = grid
             .walk_back(&p(0.5), &p(0.0))
             .expect("the way begins free");
@@ -208,7 +209,7 @@ fn a17_walking_back_from_the_target_passes_a_thin_bone_and_walking_to_it_does_no
             end.z > 0.01 && end.z <= 0.01 + 2.0 * grid.diagonal(),
             "{end}"
         );
-        // One behind the bone is free, so the printed rule leaves it there.
+        // A target behind the bone is free, so the printed rule leaves it there.
         assert_eq!(
             grid.walk_back(&p(0.5), &p(-0.5)),
             Some(p(-0.5)),
@@ -224,7 +225,8 @@ fn a17_walking_back_from_the_target_passes_a_thin_bone_and_walking_to_it_does_no
             Some(p(0.2)),
             "control: a free way is stopped"
         );
-        // Swallowed by a moving bone: no box of the way is free, but the nearest free one is known.
+        // The moving bone contains the vertex: no box of its path is free, but the nearest free
+        // box is known.
         assert_eq!(grid.walk_back(&p(0.002), &p(0.004)), None);
         assert_eq!(grid.walk(&p(0.002), &p(0.004)), None);
         let out = grid.closest(&p(0.004)).expect("a bone");
@@ -232,7 +234,7 @@ fn a17_walking_back_from_the_target_passes_a_thin_bone_and_walking_to_it_does_no
             out.distance < 0.0 && out.normal.z > 0.9 && out.point.z > 0.009,
             "{out:?}"
         );
-        // Between boxes by free balls, as with any obstacle, nothing tunnels either.
+        // Between boxes, free balls prevent tunnelling, as with any obstacle.
         let obstacle: std::sync::Arc<dyn Obstacle> = std::sync::Arc::new(grid);
         let placed = [PosedObstacle {
             obstacle,
@@ -269,7 +271,8 @@ fn a03_a_surface_meets_about_k_squared_boxes() {
     let bone = icosphere(1.0, 5);
     for k in [16, 32, 64] {
         let filled = Voxels::new(&bone, k).filled() as f64;
-        // About 3 pi / 2: each box is met where the sphere passes one of its faces. As k^3 the share would grow fourfold.
+        // About 3 pi / 2: the sphere marks each box where it passes one of its faces. With k^3
+        // the share would grow fourfold.
         let share = filled / (k * k) as f64;
         assert!((4.0..6.0).contains(&share), "{k}: {share} k^2");
     }
@@ -285,7 +288,7 @@ fn a16_a_bit_for_each_box_is_far_less_than_lists() {
         lists > 30 * grid.bit_bytes(),
         "control: lists take {lists} bytes"
     );
-    // The price: the surface is known to within a box and not exactly.
+    // The cost: the surface is known only to within a box.
     let known = Surface::new(&bone);
     let error = |r: f64| {
         let p = Point3::from(Vector3::new(0.48, 0.6, 0.64) * r);
@@ -296,7 +299,7 @@ fn a16_a_bit_for_each_box_is_far_less_than_lists() {
     assert!(worst > 1e-3 && worst <= grid.diagonal(), "{worst}");
 }
 
-/// The speed that is left of 1 m/s after so many frames of free flight, damped by 0.99.
+/// The remaining speed of 1 m/s after this number of frames of free flight, damped by 0.99.
 fn speed(iterations: u32, substeps: u32, frames: usize) -> f64 {
     let mut scene = load("distance", &[]).expect("a built-in scene");
     scene.effects = Effects::default();
@@ -318,13 +321,15 @@ fn a19_damping_acts_once_a_frame() {
     let expected = 0.99_f64.powi(100);
     for (iterations, substeps) in [(1, 1), (3, 1), (3, 4)] {
         let found = speed(iterations, substeps, 100);
-        // Velocities are differences of positions that grow to about a metre, over steps of at least 4 ms.
+        // Velocities are differences of positions up to about a metre, over steps of at least 4
+        // ms.
         assert!(
             (found - expected).abs() <= 100.0 * T10,
             "{iterations}, {substeps}: {found} for {expected}"
         );
     }
-    // As printed, after each of three iterations, 5 % of the speed would be left instead of 37 %.
+    // With the printed rule, after each of three iterations, 5 % of the speed would remain
+    // instead of 37 %.
     assert!(
         !((speed(3, 1, 300) - expected).abs() <= 100.0 * T10),
         "control: nothing is damped"

@@ -1,4 +1,4 @@
-//! Implants that are filled step by step, and a ball that comes up, as a scene runs them.
+//! Implants that are filled step by step, and a ball that moves up, as in scenes.
 
 use pliant::progress::Silent;
 use pliant::scene::builtin::load_content;
@@ -47,7 +47,8 @@ fn a_fill_by_steps_ends_where_one_filling_does() {
             .all(|(v, w)| (v - w).abs() <= 1e-6 * w),
         "{volumes:?}"
     );
-    // An area may still change by a thousandth in a round where all counts as at rest, which is up to a fiftieth of its gain.
+    // An area may still change by a thousandth in a round that counts as at rest, which is up to
+    // a fiftieth of its gain.
     let found = gain(&steps);
     assert!(
         (found / at_once - 1.0).abs() <= 0.03,
@@ -88,8 +89,8 @@ fn a_frame_that_is_given_up_leaves_the_last_one() {
 fn a_ball_that_comes_up_by_steps_ends_where_it_comes_at_once() {
     let up = |changes: &[&str]| gain(&of("sheet", changes));
     let (at_once, steps) = (up(&[]), up(&["frames=4"]));
-    // At once the skin starts from a coarser one, by steps from the frame before; both are at rest to a thousandth of the area,
-    // which is three times the gain.
+    // A single filling starts from a coarser skin, the steps start from the frame before. Both
+    // are at rest to a thousandth of the area, which is three times the gain.
     assert!(
         (steps / at_once - 1.0).abs() <= 3e-3,
         "{steps} and {at_once} cm2"

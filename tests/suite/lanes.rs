@@ -1,4 +1,5 @@
-//! Any number of lanes gives the bits of computing one by one (P42), in what is ordinary and in what is not.
+//! Any number of lanes gives the bits of scalar computation (P42), for ordinary and degenerate
+//! input.
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
@@ -13,7 +14,8 @@ use crate::bodies::{bits, edges, finite, hinges};
 
 const DT: f64 = 0.01;
 
-/// A shaken sphere: an eighth of it held, edges without length, triangles without area, flat ones, folds.
+/// A randomly displaced sphere: an eighth of it fixed, edges without length, triangles without
+/// area, flat hinges, folds.
 fn odd_body() -> (pliant::mesh::TriangleMesh, Particles) {
     let mesh = icosphere(1.0, 4);
     let mut draw = Draw::new(4242);
@@ -46,14 +48,14 @@ fn odd_body() -> (pliant::mesh::TriangleMesh, Particles) {
     (mesh, Particles::at_rest(x, inverse_mass))
 }
 
-/// Compliances of all kinds, none and infinite among them.
+/// Compliances of all kinds, including zero and infinity.
 fn compliance(count: usize) -> Vec<f64> {
     (0..count)
         .map(|i| [0.0, 1e-6, 1e-2, f64::INFINITY, 3.0][i % 5])
         .collect()
 }
 
-/// All that a sweep leaves behind, as bits.
+/// The complete result of a sweep, as bits.
 #[derive(PartialEq)]
 struct Left {
     particles: Vec<u64>,
@@ -89,7 +91,8 @@ fn swept<C: Constraint<K>, const K: usize>(
     )
 }
 
-/// Whether all widths leave what one by one leaves; the numbers of skipped projections and the constraints then.
+/// Whether all widths give the scalar result; then the numbers of skipped projections and of
+/// constraints.
 fn same<C: Constraint<K> + PartialEq, const K: usize>(
     all: &[C],
     body: &Particles,
@@ -108,7 +111,8 @@ fn same<C: Constraint<K> + PartialEq, const K: usize>(
 fn p42_lanes_change_no_bit_of_edges() {
     let (mesh, body) = odd_body();
     let mut all = edges(&mesh);
-    // Of a colour's last places, fewer than lanes, and with a particle twice in a constraint.
+    // The last places of a colour: fewer than the lanes, with a particle twice in one
+    // constraint.
     let (same_bits, skipped, _) = same(&all, &body);
     assert!(same_bits);
     assert!(
@@ -127,7 +131,7 @@ fn p42_lanes_change_no_bit_of_hinges() {
     let (mesh, body) = odd_body();
     let mut all = hinges(&mesh);
     for (i, hinge) in all.iter_mut().enumerate() {
-        // Some were led through whole turns before, some come from behind.
+        // Some hinges start after whole turns, some start from the other side.
         hinge.last = [0.0, 0.0, 0.0, 7.0, -9.5][i % 5] * f64::from(i % 61 < 20);
     }
     let (same_bits, skipped, then) = same(&all, &body);
@@ -147,7 +151,7 @@ fn p42_lanes_change_no_bit_of_hinges() {
 
 #[test]
 fn p42_lanes_change_no_bit_of_ordinary_bodies() {
-    // Nothing odd: all groups are computed side by side, and at any size some are left over.
+    // Ordinary input: all groups are computed in lanes, and every size leaves a remainder.
     for level in [0, 1, 3] {
         let mesh = icosphere(0.1, level);
         let mut draw = Draw::new(7);
@@ -269,7 +273,7 @@ fn a_hinge_one_by_one_on_its_branch_leaves_the_bits_of_lanes() {
     );
 }
 
-/// A distance whose form in lanes is not the scalar one: what the comparison must find.
+/// A distance whose form in lanes differs from the scalar form. The comparison must detect it.
 #[derive(Clone, Copy, PartialEq)]
 struct Wrong<const HOW: usize>(Distance);
 
@@ -307,7 +311,8 @@ impl<const HOW: usize> LaneConstraint<2> for Wrong<HOW> {
             found.gradient.iter_mut().for_each(|g| g.reverse());
         }
         if N::COUNT > 1 && HOW == 2 {
-            // A fused operation keeps the digits that a rounding in between loses: here those of the length.
+            // A fused operation keeps digits that an intermediate rounding loses, here those of
+            // the length.
             let third = N::splat(machine, 1.0 / 3.0);
             found.value = ((found.value + rest) * third - rest * third) / third;
         }

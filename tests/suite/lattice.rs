@@ -1,6 +1,7 @@
-//! Lattices: one step against a plain list of springs, the same bits however it is computed, the source's tables.
+//! Lattices: one step compared with a plain list of springs, equal bits for all settings of the
+//! computation, the source's tables.
 //!
-//! The source's lattices have no units; so have these.
+//! The source's lattices have no units, and neither have the lattices here.
 
 use std::collections::HashMap;
 
@@ -22,7 +23,8 @@ use plain::{Plain, springs};
 
 const BOTH: [Neighbours; 2] = [Neighbours::Six, Neighbours::TwentySix];
 
-/// Shapes whose rows are shorter, as long and longer than registers; sheets, chains and a single point.
+/// Shapes whose rows are shorter than, equal to and longer than registers; sheets, chains and a
+/// single point.
 const SHAPES: [[usize; 3]; 11] = [
     [1, 1, 1],
     [2, 1, 1],
@@ -56,7 +58,8 @@ fn settings(neighbours: Neighbours) -> Settings {
     }
 }
 
-/// A lattice shaken by up to a fifth of its least spacing, every seventh point pinned, some pulled at.
+/// A lattice displaced randomly by up to a fifth of its least spacing. Every seventh point is
+/// pinned, and forces act on some points.
 fn shaken<F: Number>(points: [usize; 3], neighbours: Neighbours, width: SimdWidth) -> Lattice<F> {
     let shape = shape(points);
     let mut lattice = Lattice::<F>::new(shape, settings(neighbours))
@@ -84,7 +87,8 @@ fn bits<F: Number>(lattice: &Lattice<F>) -> Vec<[u64; 3]> {
         .collect()
 }
 
-/// The largest distance between the points of a lattice and of a plain list after some steps, over the largest coordinate.
+/// The largest distance between the points of a lattice and of a plain list after some steps,
+/// divided by the largest coordinate.
 fn apart<F: Number>(points: [usize; 3], neighbours: Neighbours, spoil: impl Fn(&mut Plain)) -> f64 {
     let mut lattice = shaken::<F>(points, neighbours, SimdWidth::best());
     let mut plain = Plain::of(&lattice);
@@ -98,7 +102,8 @@ fn apart<F: Number>(points: [usize; 3], neighbours: Neighbours, spoil: impl Fn(&
     worst(both.map(|(a, b)| (Vector3::from(a) - b).norm())) / size
 }
 
-/// Each step rounds positions, and each rounding goes on as a speed: at most `60^2 / 2` of them.
+/// Each step rounds positions, and each rounding error continues as a velocity: at most
+/// `60^2 / 2` of them.
 const DOUBLE: f64 = 1800.0 * f64::EPSILON;
 const SINGLE: f64 = 1800.0 * f32::EPSILON as f64;
 
@@ -147,7 +152,7 @@ fn a_list_that_is_wrong_in_one_spring_or_one_point_is_told_apart() {
 
 fn same_bits<F: Number>() {
     for neighbours in BOTH {
-        // The last ones are cut into slabs of 8 planes, and of 5 with a single plane left.
+        // The last shapes are divided into slabs of 8 planes, and of 5 with a single plane left.
         for points in [[5, 5, 5], [17, 3, 2], [9, 4, 1], [33, 20, 30], [40, 26, 31]] {
             let after = |width: SimdWidth, threads: usize, pairs: bool, spoil: bool| {
                 let pool = rayon::ThreadPoolBuilder::new()
@@ -217,7 +222,7 @@ fn moves_of_pairs_are_those_of_single_steps() {
                 pairs.previous_position(point),
                 single.previous_position(point)
             );
-            // It ends at the same step, wherever in a pair that is.
+            // The run ends at the same step, whatever the position of that step in a pair.
             for quiet in [6, 7] {
                 let rest = Rest {
                     threshold: 2e-5,
@@ -265,7 +270,7 @@ fn springs_are_counted() {
     }
 }
 
-/// What no step may do: points in one place have no direction between them.
+/// Springs between coincident points have no direction, so no step may pull there.
 #[test]
 fn springs_without_length_pull_nowhere() {
     fn met<F: Number>(width: SimdWidth) -> Vec<[u64; 3]> {
@@ -287,7 +292,8 @@ fn springs_without_length_pull_nowhere() {
             "{width}"
         );
     }
-    // Two points in one place, nothing else: nothing happens, where a plain quotient would be 0/0.
+    // Two coincident points and nothing else: nothing moves, where a plain quotient would be
+    // 0/0.
     let mut two =
         Lattice::<f32>::new(shape([2, 1, 1]), settings(Neighbours::Six)).expect("a stable lattice");
     two.place([1, 0, 0], two.position([0, 0, 0]));
@@ -333,7 +339,8 @@ fn a_free_lattice_keeps_its_centre() {
     }
 }
 
-/// A column of points hangs by its first: each spring is longer by the weight below it over D.
+/// A column of points hangs from its first point. Each spring is longer by the weight below it
+/// divided by D.
 #[test]
 fn a_hanging_column_is_as_long_as_it_must_be() {
     let shape = Shape {
@@ -372,7 +379,8 @@ fn a_hanging_column_is_as_long_as_it_must_be() {
     }
 }
 
-/// Distances between points that are so many steps apart, relative to those at rest: the largest error.
+/// Distances between points separated by these steps, relative to those at rest: the largest
+/// error.
 fn strained(lattice: &Lattice<f64>, steps: &[[i32; 3]]) -> f64 {
     let shape = *lattice.shape();
     let known: HashMap<[usize; 3], Vector3<f64>> = shape
@@ -393,7 +401,7 @@ fn strained(lattice: &Lattice<f64>, steps: &[[i32; 3]]) -> f64 {
     worst(errors)
 }
 
-/// The source drags a corner and lets go, several times.
+/// The source drags a corner and releases it several times.
 #[test]
 fn twenty_six_neighbours_return_to_shape_and_six_keep_lengths_only() {
     let dragged = |neighbours: Neighbours| {
@@ -486,7 +494,7 @@ fn the_largest_stiffness_is_the_matrix_s() {
             of(n, Neighbours::TwentySix)
         );
     }
-    // The bound of large lattices is above the smaller ones' and near.
+    // The bound of large lattices is greater than that of the smaller lattices, and close to it.
     let (small, large) = (
         of(16, Neighbours::TwentySix) / 15.0,
         of(17, Neighbours::TwentySix) / 16.0,
@@ -495,7 +503,7 @@ fn the_largest_stiffness_is_the_matrix_s() {
     assert_eq!(of(1, Neighbours::TwentySix), 0.0);
 }
 
-/// The growth of a small disturbance over many steps of so many times the stability limit.
+/// The growth of a small disturbance over many steps of `times` times the stability limit.
 fn growth(n: usize, neighbours: Neighbours, mass: f64, times: f64) -> f64 {
     let shape = Shape::unit_cube(n);
     let settings = Settings {
@@ -560,7 +568,7 @@ fn steps_explode_above_the_limit_and_not_below() {
         (five / 0.0269 - 1.0).abs() <= 0.01 && (twenty / 0.00212 - 1.0).abs() <= 0.01,
         "{five}, {twenty}"
     );
-    // No springs, no damping: any step will do.
+    // No springs and no damping: any step is stable.
     assert!(stability_limit(0.0, 1.0, 0.0).is_infinite());
 }
 
@@ -597,7 +605,7 @@ fn an_explosion_is_an_error_and_says_when() {
         matches!(error, LatticeError::Diverged { step } if step > 10),
         "{error}"
     );
-    // A pinned point without a place spoils its neighbours.
+    // A pinned point without a position spoils its neighbours.
     let mut lattice =
         Lattice::<f64>::new(Shape::unit_cube(5), Settings::new(Neighbours::Six)).expect("stable");
     lattice.place([2, 2, 2], [f64::NAN, 0.0, 0.0]);

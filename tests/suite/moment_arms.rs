@@ -1,4 +1,4 @@
-//! Moment arms of fibres carried through the turn of a joint.
+//! Moment arms of fibres that follow the rotation of a joint.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ use pliant::simulation::run;
 
 use crate::tolerances::{T9, T22, T23};
 
-/// Distance of the axis from the muscle's own [m].
+/// Distance of the joint axis from the muscle's own axis [m].
 const ARM: f64 = 0.05;
 
 struct Folder(PathBuf);
@@ -31,7 +31,7 @@ fn moved(mut mesh: TriangleMesh, by: Vector3<f64>) -> TriangleMesh {
     mesh
 }
 
-/// A straight muscle between two balls, of which one turns about an axis beside it.
+/// A straight muscle between two balls, one of which rotates about an axis beside it.
 fn scene(name: &str, change: impl Fn(String) -> String) -> (Folder, Scene) {
     let path = std::env::temp_dir().join(format!("pliant-arms-{}-{name}", std::process::id()));
     std::fs::create_dir_all(&path).expect("a folder");
@@ -104,15 +104,16 @@ fn swept(scene: Scene, sweep: &Sweep) -> Running {
     running
 }
 
-/// About an axis beside a straight muscle the moment arm is its distance to the axis, whatever moves the muscle between
-/// its ends.
+/// About an axis beside a straight muscle the moment arm is the distance of the muscle from the
+/// axis, for every solver.
 #[test]
 fn a_straight_muscle_has_its_distance_to_the_axis() {
     let (_folder, scene) = scene("straight", |text| text);
     let running = swept(scene, &sweep(-0.06, 0.06));
     let arms = Arms::new(&running.muscles[0], &running, 0);
     let middle = arms.mean[3].abs();
-    // Fibres lie within the muscle's radius of its axis, evenly to a share of it; their mean within a tenth of it.
+    // Fibres lie within the muscle's radius of its axis, with nearly uniform density. Their mean
+    // lies within a tenth of the radius.
     assert!((middle - ARM).abs() <= T22 * ARM, "{middle}");
     for (fibre, arm) in running.muscles[0].fibres.iter().zip(&arms.fibres) {
         let mid = fibre[4];
@@ -120,7 +121,7 @@ fn a_straight_muscle_has_its_distance_to_the_axis() {
         let axis = running.joint.axis;
         let way = (fibre[8] - fibre[0]).normalize();
         let wanted = -(axis.cross(&(mid - centre))).dot(&way);
-        // The chord of a fibre is its tangent but for how it spreads from its area.
+        // The chord of a fibre is its tangent except for the spread from its area.
         assert!((arm[3] - wanted).abs() <= T22 * ARM, "{} {wanted}", arm[3]);
     }
     assert!(
@@ -141,7 +142,8 @@ fn a_straight_muscle_has_its_distance_to_the_axis() {
     );
 }
 
-/// What is held goes with its bone, and the rest depends on the angle alone, not on where the sweep began.
+/// Fixed vertices move with their bone. The rest depends only on the angle, not on the start of
+/// the sweep.
 #[test]
 fn the_shape_depends_on_the_angle_alone() {
     let (_a, first) = scene("from-below", |text| text);
@@ -154,7 +156,8 @@ fn the_shape_depends_on_the_angle_alone() {
         .flatten()
         .zip(short_last.iter().flatten())
         .map(|(a, b)| (a - b).norm());
-    // Both equilibria are found to forces below 1e-8 of the scale; over the muscle's length that adds up.
+    // Both equilibria are accurate to forces below 1e-8 of the scale; the errors add up over the
+    // muscle's length.
     let apart = max_or_nan(apart) / 0.12;
     assert!(apart <= T23, "{apart}");
     let other = long.muscles[0]
@@ -238,8 +241,8 @@ fn what_cannot_be_swept_says_why() {
     );
 }
 
-/// Four muscles of the right hip: every angle comes to rest, nothing is in a bone, and the gluteus extends where the psoas
-/// flexes.
+/// Four muscles of the right hip: every angle reaches equilibrium, no muscle is in a bone, and
+/// the gluteus extends where the psoas flexes.
 #[test]
 fn the_real_hip() {
     let data = crate::measured_data("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
@@ -293,7 +296,7 @@ fn the_real_hip() {
             muscle.name,
             arms.mean
         );
-        // The muscle of a subject is within a hand of the joint it moves.
+        // The muscle of a person is within a hand's breadth of its joint.
         assert!(
             arms.mean.iter().all(|r| r.abs() > 0.01 && r.abs() < 0.1),
             "{}: {:?}",

@@ -1,5 +1,6 @@
-//! Scene files: every built-in and example scene is one, and overrides change what they name; `refused` has the exact
-//! message of every kind of mistake, `mutations` the texts that must not make the reader panic.
+//! Scene files: every built-in and example scene can be read, and overrides change the values
+//! that they name. `refused` has the exact message of every kind of mistake; `mutations` has the
+//! texts that must not make the reader panic.
 
 mod mutations;
 mod refused;
@@ -18,7 +19,7 @@ use pliant::skin::layers::Tissue;
 use pliant::skin::plan::Place;
 use pliant::springs::Neighbours;
 
-/// The smallest scene, to be spoilt.
+/// The smallest scene, the basis of scenes with mistakes.
 const SMALL: &str = r#"frames = 3
 frame_rate = "60 Hz"
 [[bone]]
@@ -29,7 +30,7 @@ name = "calf"
 shape = "tetrahedron"
 "#;
 
-/// A folder with the files that the layout names, all of them empty.
+/// A folder with the files that the layout names, all empty.
 fn folder() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("scene");
     std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
@@ -46,7 +47,7 @@ fn folder() -> PathBuf {
     folder
 }
 
-/// No variable is set but `HERE`, the folder of the tests.
+/// The only variable is `HERE`, the folder of the tests.
 fn variable(name: &str) -> Option<OsString> {
     (name == "HERE").then(|| folder().into_os_string())
 }
@@ -66,7 +67,7 @@ fn read(text: &str) -> Result<Scene, SceneError> {
     read_with(text, &[])
 }
 
-/// The one-line message of a scene that must be refused.
+/// The one-line message of a scene that must be rejected.
 fn terse(text: &str) -> String {
     match read(text) {
         Ok(_) => panic!("accepted:\n{text}"),
@@ -74,13 +75,13 @@ fn terse(text: &str) -> String {
     }
 }
 
-/// The small scene with a text replaced, which must be there.
+/// The small scene with a replaced text, which must occur.
 fn spoilt(from: &str, to: &str) -> String {
     assert!(SMALL.contains(from), "{from}");
     SMALL.replacen(from, to, 1)
 }
 
-/// The small scene with a text behind it.
+/// The small scene with a text appended.
 fn with(more: &str) -> String {
     format!("{SMALL}{more}")
 }
@@ -214,7 +215,7 @@ fn a_key_of_the_only_element_needs_no_number() {
     ] {
         assert!((volume(change) - 50e-6).abs() <= 1e-18, "{change}");
     }
-    // Where there are two, it has to be said which.
+    // With two bones the override must name one.
     let error = load_content("hip", &["bone.shape=hip-femur".to_owned()]).expect_err("two bones");
     assert!(
         error.terse().contains("there is no element `shape`")
@@ -257,7 +258,7 @@ fn an_error_has_its_place_in_the_text() {
     assert_eq!(&error.source_text()[error.span()], "tickness");
 }
 
-/// The message of an override of a built-in scene that must be refused.
+/// The message of an override of a built-in scene that must be rejected.
 fn refused_override(name: &str, text: &str) -> String {
     match load(name, &[text.to_owned()]) {
         Ok(_) => panic!("accepted: {text}"),
@@ -463,7 +464,7 @@ fn wrong_overrides_name_themselves() {
             format!("change {text}: {message}")
         );
     }
-    // An error of the file is placed in the file, whatever is overridden.
+    // An error of the file has its place in the file, whatever the overrides.
     let error = read_with(
         &spoilt("frames = 3", "frames = 0"),
         &["contact.thickness=1 mm"],
@@ -545,7 +546,7 @@ fn a_name_is_a_file_or_a_built_in() {
     );
 }
 
-/// As many bones and muscles, each muscle held by its own bone.
+/// Equal numbers of bones and muscles, each muscle fixed to its own bone.
 fn crowd(count: usize) -> String {
     let mut text = "frames = 3\nframe_rate = '60 Hz'\n".to_owned();
     (0..count).for_each(|i| text += &format!("[[bone]]\nname = 'bone {i}'\nshape = 'hip-femur'\n"));
@@ -559,7 +560,7 @@ fn crowd(count: usize) -> String {
     text
 }
 
-// A walk over all names for each name would take 10^8 comparisons of texts here.
+// A search of all names for each name would take 10^8 comparisons of texts here.
 #[test]
 fn names_are_told_apart_and_found_among_20_000() {
     let text = crowd(10_000);
@@ -588,7 +589,7 @@ fn names_are_told_apart_and_found_among_20_000() {
             lines + 2
         )
     );
-    // A muscle may be called as a bone is, but not a capsule.
+    // A muscle may have the name of a bone, but a capsule may not.
     let small = crowd(2);
     assert!(read(&small.replace("'muscle 1'", "'bone 1'")).is_ok());
     assert!(terse(&format!("{small}[[capsule]]\nname = 'bone 1'\n")).contains("E064"));
@@ -603,7 +604,7 @@ fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
     let motion = "[bone.motion]\ncentre = ['1 m', '0 m', '0 m']\naxis = [0, 0, 2]\n\
                   keys = [{ frame = 10, angle = '0 rad' }, { frame = 20, angle = '720deg', slide = '8 mm' }]\n[[muscle]]";
     let motion = &read(&spoilt("[[muscle]]", motion)).expect("a scene").bones[0].motion;
-    // A quarter of the way is half a turn about the centre, and a quarter of the slide.
+    // A quarter of the duration is half a turn about the centre, and a quarter of the slide.
     let point = motion.pose(12.5) * nalgebra::Point3::origin();
     assert!(
         (point - nalgebra::Point3::new(2.0, 0.0, 0.002)).norm() < 1e-14,

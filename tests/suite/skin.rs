@@ -1,5 +1,5 @@
-//! Skin over implants: the second source's sheets and flat implants, its region exact, its areas against what is solved
-//! otherwise.
+//! Skin over implants: the second source's sheets and flat implants, its exact region, and its
+//! areas compared with other solutions.
 
 #[path = "skin/axisymmetric.rs"]
 mod axisymmetric;
@@ -29,8 +29,9 @@ use shapes::{cube, sheet, sphere};
 
 const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
 
-/// How far the lower layer, or the shell of another implant, is inside an implant [m] where all lies at `x`: by the signed
-/// distance to the shell as a surface of its own, which knows nothing of the contact that was solved for.
+/// Depth of the lower layer, or of the shell of another implant, inside an implant [m], for the
+/// positions `x`. The depth is the signed distance to the shell as a separate surface, independent
+/// of the solved contact.
 fn sunk(ready: &PreparedPatch, done: &Inserted, x: &[Point3<f64>]) -> f64 {
     let n = ready.layers.count();
     let into = |own: &Shell| {
@@ -85,15 +86,16 @@ fn region_of_the_sheets_is_that_of_the_source() {
         ];
         assert_eq!(found, counts, "{n} cells");
         let cm2 = area(&layers.rest[..layers.count()], &layers.triangles) * 1e4;
-        // Half of the last digit given.
+        // Half of the last printed digit.
         assert!((cm2 - before).abs() <= 5e-5, "{n} cells: {cm2} cm2");
     }
 }
 
-/// Layers of skin and where they lie [m].
+/// Layers of skin and their positions [m].
 type Lying = (Layers, Vec<Point3<f64>>);
 
-/// Skin over a sphere that has arrived at the sheet, begun as it lay with longer edges; area [cm2] halfway between its layers.
+/// Skin over a sphere that has arrived at the sheet, started from a solution with longer edges;
+/// area [cm2] halfway between its layers.
 fn over_sphere(n: u32, coarser: Option<&Lying>) -> (f64, Progress, Lying) {
     let ready = small_sheet(n);
     let radius = 2.5e-3;
@@ -125,7 +127,7 @@ fn over_sphere(n: u32, coarser: Option<&Lying>) -> (f64, Progress, Lying) {
     )
 }
 
-/// Skin on a sphere and from there straight to its rim.
+/// Skin on a sphere and from there straight to the boundary loop.
 fn lifted(model: &Model, radius: f64) -> Vec<Point3<f64>> {
     let rim = 1.5 * radius;
     let lift = |p: &Point3<f64>| {
@@ -153,8 +155,8 @@ fn sheets_over_a_sphere_have_the_area_of_an_axisymmetric_membrane() {
     for (n, before) in [(64, 0.4580f64), (128, 0.4503), (256, 0.4463)] {
         let (after, progress, lying) = over_sphere(n, coarser.as_ref());
         assert!(progress.converged, "{n} cells: {progress:?}");
-        // Both layers together are one membrane halfway between them: half of the depth further from the sphere, and its
-        // rim as much below the sheet.
+        // Both layers together are one membrane halfway between them: half of the depth further
+        // from the sphere, with its boundary loop at the same depth below the sheet.
         let rim = (before * 1e-4 / std::f64::consts::PI).sqrt();
         let (wanted, left) = axisymmetric::area(Membrane {
             rim,
@@ -187,7 +189,7 @@ fn flat_implants_gain_what_geometry_allows() {
         (100e-6, 14.5, 44.3),
         (150e-6, 27.9, 72.2),
     ] {
-        // Not over a vertex: there the counts are the source's.
+        // Away from a vertex the numbers equal those of the source.
         let order = ImplantSpec::round(Place::Point(Point3::new(0.0014, 0.0, 0.0)), 0.07, volume);
         let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
         assert_eq!(
@@ -211,8 +213,8 @@ fn flat_implants_gain_what_geometry_allows() {
     }
 }
 
-/// A cube of 2 cm on a floor, its volume kept, under a sphere of 1 cm that reaches down to a height [m]; and how deep the
-/// sphere may be in it.
+/// A cube of 2 cm on a floor with conserved volume, under a sphere of 1 cm that reaches down to
+/// a height [m]; and the greatest penetration of the sphere.
 fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
     let mesh = cube(8, 0.02);
     if x.is_empty() {
@@ -249,7 +251,7 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
 #[test]
 fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
     let (mesh, ball) = (cube(8, 0.02), sphere(12, 11, 0.01, Point3::origin()));
-    // As the source counts them.
+    // The numbers of the source.
     assert_eq!([mesh.vertices.len(), mesh.triangles.len()], [386, 768]);
     assert_eq!([ball.vertices.len(), ball.triangles.len()], [134, 264]);
     assert!((mesh.volume() - 8e-6).abs() <= 1e-18 && (ball.volume() - 3.932e-6).abs() <= 5e-10);
@@ -268,8 +270,9 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
             "step {step}: {progress:?}"
         );
     }
-    // It is no rigid cube: where it is pressed it gives way, and bulges elsewhere. Without friction the middle slides off the
-    // lowest point of the sphere, but stays on it: between its circle and its facets, 3.4 % of the radius further in.
+    // The cube is not rigid: it yields under the sphere and bulges elsewhere. Without friction
+    // the middle slides off the lowest point of the sphere but stays on the sphere: between its
+    // circle and its facets, 3.4 % of the radius further in.
     let pressed = mesh
         .vertices
         .iter()
@@ -309,7 +312,7 @@ fn implants_are_filled_by_a_schedule_to_where_they_come_at_once() {
     );
     assert!(gains[0] < gains[1] && gains[1] < gains[2], "{gains:?}");
     let at_once = ready.insert(80e-6, |_| true).expect("settled").areas.gain();
-    // Both are at rest to a thousandth of the area, which is some fifteen times the gain.
+    // Both are at rest to a thousandth of the area, which is about fifteen times the gain.
     assert!(
         (gains[2] / at_once - 1.0).abs() <= 0.01,
         "{} and {at_once} m2",
@@ -329,7 +332,7 @@ fn numbers_that_make_no_sense_beside_the_base_are_refused() {
             .and_then(|()| PreparedPatch::new(&skin, &order, &[]))
             .map(|_| ())
     };
-    // Just within half of the base, and a quarter of it.
+    // Slightly within half of the base, and a quarter of it.
     for (within, beyond) in [
         (
             (|o| o.tissue.depth = 0.035) as fn(&mut ImplantSpec),
@@ -356,7 +359,7 @@ fn numbers_that_make_no_sense_beside_the_base_are_refused() {
         made(|o| o.long = Some(Vector3::zeros())),
         Err(SkinError::NoDirection)
     );
-    // The skin itself as what lies below it, and the same a depth further down.
+    // The skin itself as the surface below it, and the same surface a depth further down.
     let own = |down: f64| {
         let mut below = skin.clone();
         below.vertices.iter_mut().for_each(|p| p.z -= down);
@@ -369,7 +372,7 @@ fn numbers_that_make_no_sense_beside_the_base_are_refused() {
     };
     assert_eq!(own(0.0), Err(SkinError::ObstacleIsSkin { obstacle: 2 }));
     assert_eq!(own(5e-3), Ok(()));
-    // A volume that is said to be the largest fits, a little more does not.
+    // The reported largest volume fits; a slightly larger volume does not.
     let ready = PreparedPatch::new(&skin, &order, &[]).expect("a region");
     let largest = ready.largest();
     assert_eq!(ready.takes(&[largest]), Ok(()));
@@ -403,10 +406,10 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
         ready.patch.triangles.len()
     );
     let stop = |_: &str, _: usize, _: usize| std::ops::ControlFlow::Break(());
-    // Refining looks up, and what it would have been is not needed.
+    // Refinement checks whether to continue. Its result is not needed here.
     let stopped = PreparedPatch::new_with(&halved, &order, &[], &stop).expect_err("stopped");
     assert_eq!(stopped, SkinError::Stopped);
-    // At a corner the skin turns away; it has no border that could be in the way.
+    // At a corner the skin curves away, but it has no border near the implant.
     let corner = ImplantSpec {
         place: Place::Vertex(0),
         ..order
@@ -466,13 +469,14 @@ fn what_cannot_be_done_is_refused() {
         bone.vertices.iter_mut().for_each(|p| *p += by);
         insert(&skin, &order, &[bone], |_| true)
     };
-    // Beside, or further than two bases on either side: without a body around it, a sheet is turned to look away from bones.
+    // Beside the sheet, or further than two bases above or below it. Without a body around it, a
+    // sheet is oriented to face away from bones.
     for away in [Vector3::x() * 0.3, Vector3::z() * 0.3, Vector3::z() * -0.3] {
         let error = beside(away).expect_err("nothing below");
         assert!(matches!(error, SkinError::NothingBelow), "{error}");
     }
     assert!(beside(Vector3::zeros()).is_ok());
-    // A third triangle at an edge in the middle.
+    // A third triangle at an inner edge.
     let mut fin = skin.clone();
     let [a, b, _] = fin.triangles[2 * (16 * 32 + 16)];
     fin.vertices.push(

@@ -1,8 +1,9 @@
-//! What whoever looks at a running simulation waits for: its start, the answer to a slider, a snapshot; and what a frame
-//! costs more for being shown.
+//! Waiting times of a user who looks at a running simulation: the start, the answer to a
+//! slider, a snapshot; and the extra cost of a frame that is shown.
 //!
-//! On the built-in hip, paused where a slider moves. What is measured is asserted to be done: answers are not refused and
-//! change the scene, and a run that is shown has the bits of one that is not.
+//! The bench uses the built-in hip, paused while a slider moves. The bench asserts that the
+//! measured work is done: answers are accepted and change the scene, and a shown run has the bits
+//! of a run that is not shown.
 
 #[path = "../../benches/measured/mod.rs"]
 mod measured;
@@ -69,7 +70,7 @@ fn start(_: &mut Criterion) {
     });
 }
 
-/// From a command to the snapshot that has answered it.
+/// From a command to the snapshot with its answer.
 fn changes(_: &mut Criterion) {
     let session = Session::start(recipe(), Pace::paused()).expect("a session");
     (0..3).for_each(|_| drop(done(&session, Command::Step)));
@@ -123,13 +124,14 @@ fn changes(_: &mut Criterion) {
         };
         done(&session, command);
     });
-    // What asks for nothing but a snapshot.
+    // A command that needs only a snapshot.
     time("snapshot", rounds(20), |_| {
         drop(done(&session, Command::Pause))
     });
 }
 
-/// From a move of a handle to the snapshot that shows it there: of an implant that is a dome over skin at rest.
+/// From a move of a handle to the snapshot with the handle there, for an implant that is a dome
+/// over skin at rest.
 fn handles(_: &mut Criterion) {
     for (name, scene) in [
         ("node", "examples/biceps.toml"),
@@ -140,7 +142,7 @@ fn handles(_: &mut Criterion) {
         let handle = session.latest().handles.len() / 2;
         let from = session.latest().handles[handle].at;
         time(name, rounds(20), |k| {
-            // Further from the axis, over the sheet; each time elsewhere.
+            // Further from the axis, over the sheet, at another place each time.
             let to = from + Vector3::new(0.0, 1e-4 * (k + 1) as f64, 0.0);
             let before = session.latest().handles[handle].at;
             let number = session.send(Command::Move { handle, to });
@@ -152,7 +154,8 @@ fn handles(_: &mut Criterion) {
     }
 }
 
-/// Frames of a simulation whose snapshots are published against frames of one that nobody looks at.
+/// Frames of a simulation with published snapshots, compared with frames of a simulation
+/// without.
 fn shown(_: &mut Criterion) {
     let session = Session::start(recipe(), Pace::paused()).expect("a session");
     let scene = recipe().scene().expect("a built-in scene");

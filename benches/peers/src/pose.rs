@@ -1,8 +1,10 @@
-//! Time and error of pliant and rapier3d to one reference: a spindle held at both ends, one of which is turned and rests.
+//! Time and error of pliant and rapier3d relative to one reference: a spindle fixed at both
+//! ends. One end rotates and then rests.
 //!
-//! rapier3d takes a frequency f and pulls with the stiffness (2 pi f)^2 / sum w |grad C|^2. Pliant is given those
-//! stiffnesses at rest, so both have one energy; its equilibrium by Newton's method is the reference. All step the same
-//! frame in turn, on one thread. What of the motion on the way is not comparable, damping, has no say at rest.
+//! rapier3d takes a frequency f and pulls with the stiffness (2 pi f)^2 / sum w |grad C|^2.
+//! Pliant uses these stiffnesses at rest, so both have the same energy. The reference is its
+//! equilibrium by Newton's method. All solvers step the same frame alternately, on one thread.
+//! Damping, which makes the motion not comparable, has no effect on the equilibrium.
 
 #[path = "../../measured/lines.rs"]
 mod lines;
@@ -26,20 +28,20 @@ use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, SoftBodyM
 
 /// Time of a frame [s].
 const FRAME: f64 = 1.0 / 60.0;
-/// Frames of the turn, and as many of rest.
+/// Frames of the rotation, and the equal number of frames at rest.
 const FRAMES: u32 = 30;
-/// Frames in which XPBD comes to rest wholly.
+/// Frames in which XPBD reaches complete equilibrium.
 const LONG: u32 = 10 * FRAMES;
-/// The whole turn [degrees].
+/// The whole rotation [degrees].
 const TURN: f64 = 6.0;
 /// Mass of a particle [kg].
 const MASS: f64 = 1e-3;
-/// Frequencies of edges, hinges and volume [Hz]: rapier3d's own.
+/// Frequencies of edges, hinges and volume [Hz]: the defaults of rapier3d.
 const FREQUENCY: [f64; 3] = [30.0, 10.0, 30.0];
 /// Damping of all velocities [1/s], the same for both.
 const DAMPING: f64 = 10.0;
 
-/// One body for all.
+/// One body for all solvers.
 struct Task {
     mesh: TriangleMesh,
     inverse_mass: Vec<f64>,
@@ -99,7 +101,7 @@ impl Task {
         QuasiStatic::new(self.energy(), &self.mesh.vertices, &self.inverse_mass, limits).expect("both ends are held")
     }
 
-    /// The equilibrium at the end of the turn, tracked there.
+    /// The equilibrium at the end of the rotation, tracked to that pose.
     fn reference(&self) -> Vec<Point3<f64>> {
         let mut x = self.mesh.vertices.clone();
         let mut start = self.solver(1e-5, 500);
@@ -111,7 +113,7 @@ impl Task {
         let mut newton = Newton::new(self.energy(), &self.mesh.vertices, &self.inverse_mass, limits).expect("memory");
         let outcome = newton.solve(&mut x, |_, _| true).expect("both ends are held");
         assert!(outcome.converged, "the reference is not: {outcome:?}");
-        // An angle of rapier3d has no sign: flat, it would be another energy.
+        // An angle of rapier3d has no sign. A flat hinge would give another energy.
         let sign = |h: &&Bending| dihedral(&h.points.map(|p| x[p as usize])) * h.rest > 0.0;
         let kept = self.hinges.0.iter().filter(sign).count();
         assert_eq!(kept, self.hinges.0.len(), "hinges went through flat");
@@ -125,7 +127,8 @@ impl Task {
     }
 }
 
-/// Constraints that anything can move, with the stiffness that a frequency [Hz] means for each at rest.
+/// Constraints with a movable particle, with the stiffness at rest that a frequency [Hz] gives
+/// for each.
 fn weighed<C: Constraint<K>, const K: usize>(
     all: Vec<C>,
     x: &[Point3<f64>],
@@ -142,7 +145,7 @@ fn weighed<C: Constraint<K>, const K: usize>(
     all.into_iter().filter_map(|c| Some((c, stiffness(&c)?))).unzip()
 }
 
-/// What follows the pose frame by frame.
+/// A solver that follows the pose frame by frame.
 trait Follow {
     fn frame(&mut self, task: &Task, frame: u32);
     fn positions(&self) -> Vec<Point3<f64>>;
@@ -260,7 +263,8 @@ impl Follow for Rapier {
     }
 }
 
-/// A solver with settings, its times of the frames [ms], and its positions after the turn and after the rest.
+/// A solver with settings, its times of the frames [ms], and its positions after the rotation
+/// and after the rest.
 struct Runner {
     who: &'static str,
     settings: String,
@@ -290,7 +294,7 @@ fn runners(task: &Task) -> Vec<Runner> {
     all.into_iter().map(of).collect()
 }
 
-/// All take turns, frame by frame.
+/// All solvers run alternately, frame by frame.
 fn run(task: &Task, all: &mut [Runner]) {
     for frame in 1..=2 * FRAMES {
         for runner in all.iter_mut() {
@@ -305,7 +309,7 @@ fn run(task: &Task, all: &mut [Runner]) {
     all.iter_mut().for_each(|runner| runner.rested = runner.solver.positions());
 }
 
-/// Where rapier3d comes to rest by itself with many substeps.
+/// The equilibrium that rapier3d reaches by itself with many substeps.
 fn limit(task: &Task) -> Vec<Point3<f64>> {
     let mut finest = Rapier::new(task, if quick() { 8 } else { 64 });
     let frames = if quick() { 2 * FRAMES } else { 6 * FRAMES };
@@ -352,7 +356,7 @@ fn measure() {
     run(&task, &mut all);
     let own = limit(&task);
     let apart = task.error(&own, &reference);
-    // Otherwise both would not have one energy and nothing would be comparable.
+    // Otherwise the two energies would differ and the results would not be comparable.
     assert!(apart <= 0.1 * moved, "rapier3d rests {apart} % from the reference, which moved by {moved} %");
     let exact = all.iter().rfind(|r| r.who == "pliant, quasi-static").expect("a runner");
     assert!(task.error(&exact.rested, &reference) <= 0.01 * moved, "the equilibrium is not found");
@@ -360,7 +364,7 @@ fn measure() {
     result("pose.moved", moved, "%");
     result("pose.limit", apart, "%");
     report(&task, &all, &reference, &own);
-    // What it still lacked in the table was time.
+    // The longer run shows whether the row of the table lacked only time.
     let steps = all.iter_mut().rfind(|r| r.who == "pliant, XPBD").expect("a runner");
     (0..LONG).for_each(|_| steps.solver.frame(&task, 2 * FRAMES));
     let off = task.error(&steps.solver.positions(), &reference);

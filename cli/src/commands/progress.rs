@@ -14,13 +14,13 @@ use pliant::progress::Progress;
 use pliant::simulation::Measures;
 use pliant::springs::rest::StepRecord;
 
-/// On a pipe, a line every so many frames of muscles.
+/// Number of frames of muscles between two lines on a pipe.
 const LINE_EVERY: usize = 50;
 
-/// On a pipe, any other line about so often [s].
+/// Time between any other two lines on a pipe [s].
 const SECONDS_BETWEEN: f64 = 5.0;
 
-/// Shows how far a computation is, on standard error.
+/// Shows the progress of a computation on standard error.
 pub(super) struct Bar {
     /// Present on a terminal.
     bar: Option<ProgressBar>,
@@ -32,7 +32,7 @@ pub(super) struct Bar {
 }
 
 impl Bar {
-    /// Of so many steps, drawn as a template of indicatif says.
+    /// A bar of this number of steps, drawn by a template of indicatif.
     fn new(steps: usize, template: &str) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let style = ProgressStyle::with_template(template)
@@ -57,7 +57,7 @@ impl Bar {
         Self::new(parts, "  {bar:30} {pos}/{len}  {msg}")
     }
 
-    /// Of a run to rest of at most so many steps.
+    /// For a run to rest of at most this number of steps.
     pub(super) fn of_steps(steps: usize) -> Self {
         Self::new(steps, "  {bar:30} {pos}/at most {len}  {msg}")
     }
@@ -117,7 +117,7 @@ impl Bar {
         }
     }
 
-    /// On a terminal, so many of so many are done.
+    /// Sets the counts of done and of all steps, on a terminal.
     pub(super) fn reach(&self, done: usize, of: usize) {
         if let Some(bar) = &self.bar {
             bar.set_length(of as u64);
@@ -183,7 +183,7 @@ pub(super) struct Stoppable<'a> {
 }
 
 impl<'a> Stoppable<'a> {
-    /// Of a run of so many frames, which the flag stops.
+    /// For a run of this number of frames, which the flag stops.
     pub(super) fn new(frames: usize, stop: &'a AtomicBool) -> Self {
         let bar = Bar::of_parts(frames);
         Self { bar, stop }

@@ -315,7 +315,7 @@ pub fn account(run: &SkinRun) -> Account {
 /// # Errors
 /// A picture that cannot be encoded.
 pub fn pictures(run: &SkinRun) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
-    // A ball bears the skin as an obstacle does.
+    // A ball supports the skin like an obstacle.
     let mut below = run.obstacles.clone();
     if let (Under::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
         let at = run.ball_at(ball, part, run.frame());

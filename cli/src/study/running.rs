@@ -148,7 +148,7 @@ fn of_muscles(
     })
 }
 
-/// As [`of_muscles`], of a scene without muscles.
+/// The same as [`of_muscles`] for a scene without muscles.
 fn of_others(
     scenario: &mut dyn Scenario,
     frames: &[usize],

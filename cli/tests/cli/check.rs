@@ -4,7 +4,8 @@ use super::*;
 use pliant::io::{self, Encoding};
 use pliant::mesh::TriangleMesh;
 
-/// A sphere of 50 mm in metres, with a triangle missing, one turned round and a vertex too many.
+/// A sphere of 50 mm in metres with a missing triangle, a reversed triangle and an extra
+/// vertex.
 fn sick() -> TriangleMesh {
     let mut mesh = shapes::icosphere(0.05, 2);
     mesh.triangles.pop();
@@ -142,7 +143,7 @@ fn a_repair_tells_what_it_changed() {
     );
     let done = run(&["check", shown(&folder.join("bad.obj"))]);
     assert_eq!(code(&done), Some(0), "{}", text(&done.stdout));
-    // Without holes closed it is still refused.
+    // A second repair into the same folder is rejected, because the file exists.
     let done = run(&["check", shown(&bad), "--repair", shown(&folder)]);
     assert!(
         code(&done) == Some(2) && text(&done.stderr).contains("is there already"),

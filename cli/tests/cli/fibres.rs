@@ -266,7 +266,7 @@ fn areas_in_all_their_forms() {
             "{told}"
         );
     }
-    // The smaller square is 30 mm off the muscle: there are tendons.
+    // The smaller square is 30 mm away from the muscle, so there are tendons.
     let told = told(format!("{}#1", shown(&patches)));
     assert!(
         of(&told, "tendon_length_max_m") >= 0.029 && of(&told, "tendon_length_max_m") <= 0.05,
@@ -324,7 +324,8 @@ fn springs_and_slices_fill_a_cylinder_by_a_template() {
         );
         (done.status.code(), text(&done.stderr), measures(&told))
     };
-    // The first and the last slice lie a millionth of the length before the ends, so that all holds.
+    // The first and the last slice lie a millionth of the length before the ends, so the check
+    // succeeds.
     let (code, error, slices) = told("slices", &["--method", "slices"]);
     assert_eq!(
         (code, &slices["method"], &slices["template"]),
@@ -336,7 +337,7 @@ fn springs_and_slices_fill_a_cylinder_by_a_template() {
             && of(&slices, "jacobian_min") > 0.0,
         "{slices}"
     );
-    // Springs reach the areas, but cells fold near the middle, and that is told.
+    // Springs reach the areas, but cells fold near the middle, and the command reports this.
     let (code, error, springs) = told(
         "springs",
         &["--method", "springs", "--template", "parallel"],
@@ -368,7 +369,7 @@ fn springs_and_slices_fill_a_cylinder_by_a_template() {
         code == Some(1) && error.contains("FAIL  "),
         "{code:?} {error}"
     );
-    // A hole is no sphere; slices and the harmonic way take it.
+    // A surface with a hole is no sphere; slices and the harmonic method accept it.
     let mut open = muscle.mesh.clone();
     open.triangles.remove(open.triangles.len() / 2);
     put(&muscle.file, &open, &[]);
@@ -393,7 +394,8 @@ fn springs_and_slices_fill_a_cylinder_by_a_template() {
     }
 }
 
-/// Points along a helix on the cylinder, `turn` [rad] from end to end, from its axis `reach` radii away.
+/// Points along a helix on the cylinder, `turn` [rad] from end to end, `reach` radii away from
+/// its axis.
 fn helix(start: f64, turn: f64, reach: f64) -> Vec<Point3<f64>> {
     let at = |s: f64| {
         let angle = start + turn * s;
@@ -419,7 +421,7 @@ fn put_lines(path: &Path, lines: &[Vec<Point3<f64>>]) {
     );
 }
 
-/// Mean angle by which fibres turn about x between two of their points [rad].
+/// Mean angle about x between two points of a fibre [rad].
 fn mean_turn(fibres: &[Vec<Point3<f64>>]) -> f64 {
     let angle = |p: &Point3<f64>| p.z.atan2(p.y);
     let turned = |f: &Vec<Point3<f64>>| {
@@ -428,7 +430,7 @@ fn mean_turn(fibres: &[Vec<Point3<f64>>]) -> f64 {
             .map(|s| (angle(&s[1]) - angle(&s[0])).sin().asin())
             .sum::<f64>()
     };
-    // Near the axis an angle says little.
+    // Near the axis the angle is inaccurate.
     let far: Vec<&Vec<Point3<f64>>> = fibres
         .iter()
         .filter(|f| f[7].yz().coords.norm() >= 0.5 * RADIUS)
@@ -440,7 +442,8 @@ fn mean_turn(fibres: &[Vec<Point3<f64>>]) -> f64 {
 fn lines_on_the_surface_are_followed_at_any_frame() {
     let muscle = Cylinder::new();
     let file = muscle.scratch.join("lines.vtp");
-    // Every second line runs from the insertion to the origin, and all are a little off the surface.
+    // Every second line runs from the insertion to the origin, and all lie slightly off the
+    // surface.
     let lines: Vec<Vec<Point3<f64>>> = (0..12)
         .map(|k| {
             let mut line = helix(std::f64::consts::TAU * f64::from(k) / 12.0, 1.0, 1.05);
@@ -471,7 +474,7 @@ fn lines_on_the_surface_are_followed_at_any_frame() {
         mean_turn(&points(&straight)).abs() <= 0.05,
         "control: without lines nothing turns"
     );
-    // A frame, in which the muscle is bent: the lines are carried there.
+    // A frame in which the muscle is bent. The lines must follow it.
     let mut frame = muscle.mesh.clone();
     frame
         .vertices
@@ -507,7 +510,8 @@ fn lines_on_the_surface_are_followed_at_any_frame() {
         .for_each(|p| p.y -= 3.0 * p.x * p.x);
     let turn = mean_turn(&fibres);
     assert!((turn / (10.0 / 14.0) - 1.0).abs() <= 0.3, "{turn}");
-    // At rest the lines are 30 mm off a bent muscle; without --rest that is seen.
+    // At rest the lines are 30 mm away from a bent muscle; without --rest the command notices
+    // this.
     let done = run(&[&arguments[..], &follow, &["--out", shown(&out)]].concat());
     assert!(max_or_nan(frame.vertices.iter().map(|v| v.y)) > 0.03);
     assert!(
@@ -682,7 +686,7 @@ fn ctrl_c_ends_with_its_code_and_writes_nothing() {
     let mut said = std::io::BufReader::new(child.stderr.take().expect("a pipe"))
         .lines()
         .map_while(Result::ok);
-    // What lasts longer is told on a pipe every few seconds.
+    // Longer work reports its progress on a pipe every few seconds.
     let told = said.find(|line| line.contains(" of 100000 passes of smoothing"));
     assert!(told.is_some());
     assert!(

@@ -1,4 +1,4 @@
-//! `pliant implant`: what a planner asks for and what is refused.
+//! `pliant implant`: results for a planner, and rejected input.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -12,7 +12,8 @@ use serde_json::Value;
 
 use super::{Scratch, json, measures, run, shown, text};
 
-/// A flat sheet of 20 cm in `n` by `n` cells as OBJ in centimetres; its middle vertex is `(n + 1) n / 2 + n / 2`.
+/// A flat sheet of 20 cm in `n` by `n` cells as OBJ in centimetres. Its middle vertex is
+/// `(n + 1) n / 2 + n / 2`.
 fn sheet(n: u32) -> String {
     let mut obj = String::new();
     let at = |k: u32| 20.0 * f64::from(k) / f64::from(n) - 10.0;
@@ -145,7 +146,7 @@ fn volumes_give_a_curve_and_a_wanted_area_its_volume() {
         4
     );
     assert!(out.join("curve.svg").is_file());
-    // Between the first two, so must the volume be.
+    // The gain lies between the first two, so the volume must lie between theirs.
     let wanted = 0.5 * (gains[0] + gains[1]) * 1e4;
     let done = run(&[&common[..], &["--wanted-area", &format!("{wanted}cm2")]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
@@ -186,7 +187,7 @@ fn an_implant_is_filled_over_days() {
         .collect();
     assert_eq!(days, [0.0, 7.0, 14.0]);
     assert!(areas[0] < areas[1] && areas[1] < areas[2], "{areas:?}");
-    // The last filling is what is shown.
+    // The output shows the last filling.
     assert_eq!(result["area_deformed_m2"], curve[2]["area_deformed_m2"]);
     assert!((result["implant_volume_m3"].as_f64().unwrap() / 70e-6 - 1.0).abs() <= 1e-9);
     let csv = fs::read_to_string(out.join("curve.csv")).unwrap();
@@ -264,7 +265,7 @@ fn a_closed_skin_stays_closed_and_each_implant_is_shown() {
         2,
         "a handle"
     );
-    // Patches laid beside the rest instead, as it once was, are refused by the same check.
+    // The same check rejects patches that lie beside the rest, a defect of an earlier version.
     let order = ImplantSpec {
         edge: Some(5e-3),
         ..ImplantSpec::round(Place::Point([0.0, 0.0, 0.1].into()), 0.04, 8e-6)
@@ -405,7 +406,7 @@ fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_be
             "{name}"
         );
     }
-    // The one that is refused is the one that is told.
+    // The message names the rejected volume.
     let large = [
         "--implant",
         "at=-3,0,0 volume=4cc",
@@ -542,7 +543,7 @@ fn a_face_of_two_triangles_takes_a_small_implant_and_is_refined_beside_it_only()
         "{} triangles",
         skin.triangles.len()
     );
-    // The whole box, and what the implant adds.
+    // The whole box and the area added by the implant.
     let gained =
         result["area_deformed_m2"].as_f64().unwrap() - result["area_before_m2"].as_f64().unwrap();
     assert!(
@@ -559,7 +560,8 @@ fn a_face_of_two_triangles_takes_a_small_implant_and_is_refined_beside_it_only()
 
 #[test]
 fn a_crumpled_place_is_refused_by_a_count_before_it_is_refined() {
-    // A bellows of 4000 folds, 3 cm high each, of a sheet of 20 cm: coarse, and most of it near the implant.
+    // A bellows of 4000 folds of 3 cm height in a sheet of 20 cm: coarse, and most of it near
+    // the implant.
     let scratch = Scratch::folder();
     let file = scratch.join("bellows.obj");
     let mut obj = String::new();
@@ -596,7 +598,7 @@ fn a_crumpled_place_is_refused_by_a_count_before_it_is_refined() {
             && said.contains("--edge larger"),
         "{said}"
     );
-    // To make them takes minutes.
+    // Computing them would take minutes.
     assert!(begun.elapsed().as_secs() < 30, "{:?}", begun.elapsed());
 }
 
@@ -606,7 +608,7 @@ fn a_place_for_results_is_looked_at_before_anything_is_computed() {
     let file = scratch.join("sheet.obj");
     fs::write(&file, sheet(16)).unwrap();
     let into = |out: &str| {
-        // A skin that is not there would be told if it were read first.
+        // A missing skin would be reported if the command read it first.
         let done = run(&[
             "implant",
             "no-such-skin.obj",
@@ -797,7 +799,7 @@ fn ctrl_c_keeps_the_volumes_that_are_done() {
             [heard, rest].concat().join("\n"),
         )
     };
-    // Before anything is at rest: many volumes take far longer than a signal.
+    // The signal comes before any equilibrium: many volumes take far longer.
     let many = (0..60)
         .map(|k| (40 + k).to_string())
         .collect::<Vec<_>>()
@@ -941,7 +943,7 @@ fn senseless_orders_are_refused_in_the_words_of_the_user() {
         &["--at", "0,0,0", "--volume", &format!("{}cc", 1.2 * most)],
         &["larger than the region"],
     );
-    // 4 cm from the border: 5 cm across fit in no case.
+    // 4 cm from the border, so 5 cm across never fit.
     let base = number(
         &refused(&["--at", "6,0,0"], &["border"]),
         "a base of",

@@ -1,4 +1,4 @@
-//! The command as a person or a script meets it: exit codes, messages, and the files of a run.
+//! The command as a person or a script uses it: exit codes, messages, and the files of a run.
 
 mod biceps;
 mod check;
@@ -79,7 +79,7 @@ fn turntable(page: &str) -> (String, String) {
     )
 }
 
-/// The files that a collection refers to; each must be there.
+/// The files that a collection refers to. Each file must exist.
 fn referenced(folder: &Path, pvd: &str) -> Vec<String> {
     let text = fs::read_to_string(folder.join(pvd)).unwrap();
     assert!(text.ends_with("</VTKFile>\n"));
@@ -325,7 +325,7 @@ fn a_shorter_run_leaves_no_frame_of_a_longer_one_and_no_foreign_file_is_touched(
             .unwrap()
             .starts_with(b"GIF89a")
     );
-    // A folder with somebody else's summary is not written over.
+    // A folder with a foreign summary is not overwritten.
     let theirs = scratch.join("theirs");
     fs::create_dir_all(&theirs).unwrap();
     fs::write(theirs.join("summary.json"), "theirs").unwrap();
@@ -494,7 +494,7 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
     );
 }
 
-/// What a command says on a terminal and its exit code; `None`, and a word on it, without Python.
+/// Output of a command on a terminal and its exit code; `None` without Python, with a message.
 #[cfg(unix)]
 fn on_a_terminal(arguments: &[&str]) -> Option<(String, Option<i32>)> {
     let script =
@@ -554,7 +554,7 @@ fn on_a_terminal_an_error_of_a_mesh_shows_its_line_or_its_bytes() {
     }
 }
 
-/// What a command said that refused its input.
+/// Message of a command that rejected its input.
 fn text_of_refusal(done: &Output) -> String {
     let message = text(&done.stderr);
     assert_eq!(done.status.code(), Some(2), "{message}");
@@ -602,7 +602,7 @@ fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
         (&false.into(), &1.into())
     );
     assert_eq!(referenced(&out, "distance.pvd").len(), 2 * 2);
-    // Control: a force that is only large does not stop it.
+    // Control: a large finite force does not stop the run.
     let done = run_with("1e6 N");
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stdout));
     assert!(json(&out.join("summary.json"))["muscles"][0]["stopped"].is_null());
@@ -613,7 +613,7 @@ fn velocities_that_were_cut_are_told_of() {
     let scratch = Scratch::folder();
     let fly = |force: &str| {
         let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");
-        // With no edges nothing brings the vertex back.
+        // Without edges the vertex does not return.
         let set = ["--set", &force, "--set", "effects.stretch=off"];
         text(
             &run_into(
@@ -715,7 +715,7 @@ fn fibre_lines_of_a_muscle_without_a_scene_follow_it_in_every_frame() {
     check_animation(&out.join("ball.gif"), 3);
 }
 
-/// A GIF that a decoder reads to its end, with so many pictures, not all alike.
+/// A GIF that a decoder reads to its end, with this number of pictures, not all equal.
 fn check_animation(path: &Path, pictures: usize) {
     let mut options = gif::DecodeOptions::new();
     options.set_color_output(gif::ColorOutput::RGBA);
@@ -756,7 +756,7 @@ fn json_is_one_object_with_nothing_beside_it() {
     );
 }
 
-/// A ball of 1 cm over a box, 2 mm apart, as files without a unit.
+/// A ball of 1 cm 2 mm above a box, as files without a unit.
 fn ball_and_box(scratch: &Scratch) -> [String; 2] {
     let write = |name: &str, shape: &str, down: f64| {
         let mesh = shapes::make(shape).unwrap().mesh;
@@ -821,7 +821,7 @@ fn meshes_without_a_scene_give_the_same_bytes_for_any_number_of_threads() {
         "it moves"
     );
     assert_eq!(muscle["vertices_inside_bones_max"], 0);
-    // The scene that was made of the meshes runs again as a file.
+    // The scene built from the meshes also runs from a file.
     let again = scratch.join("again");
     run_into(
         &again,

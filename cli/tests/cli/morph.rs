@@ -169,7 +169,7 @@ fn a_morph_writes_all_its_files_and_meets_both_ends() {
     assert_frames(&out, &frames, [&ball, &long], [&heat, &other]);
 }
 
-/// Vertices of both surfaces come first, at their ends with their numbers.
+/// The vertices of both surfaces come first, at their end positions and with their numbers.
 fn assert_frames(out: &Path, frames: &[String], meshes: [&TriangleMesh; 2], heat: [&[f64]; 2]) {
     let [first, middle, last] = [0, 1, 2].map(|k| out.join(&frames[k]));
     let of = |path: &Path, name: &str| {
@@ -221,7 +221,8 @@ fn pairs_meet_and_the_first_topology_is_kept() {
     let (ball, long) = (stretched([1.0; 3]), stretched([1.0, 2.0, 1.0]));
     let (a, b) = (put(&scratch, "a.obj", &ball), put(&scratch, "b.obj", &long));
     let pairs = scratch.join("pairs.txt");
-    // A quarter turn about z: what is to the right goes up; the last pair by coordinates.
+    // A quarter turn about z: the point at the right moves up. The last pair is given by
+    // coordinates.
     let nearest = |mesh: &TriangleMesh, to: [f64; 3]| {
         let square = |v: &usize| (mesh.vertices[*v] - Point3::from(to)).norm_squared();
         (0..mesh.vertices.len())
@@ -273,7 +274,7 @@ fn pairs_meet_and_the_first_topology_is_kept() {
     let last = read(&out.join(&frames[1])).unwrap().mesh;
     let off = (last.vertices[right[0]] - long.vertices[right[1]]).norm();
     assert!(off <= 1e-9, "{off}");
-    // Control: without pairs the ball is not turned.
+    // Control: without pairs the ball is not rotated.
     done(&[
         "morph",
         shown(&a),
@@ -402,7 +403,7 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
         ),
     ];
     for (path, wanted) in cases {
-        // On either side.
+        // Frames on either surface.
         for arguments in [
             ["morph", shown(path), shown(&good)],
             ["morph", shown(&good), shown(path)],

@@ -1,4 +1,4 @@
-//! `report.html` in a browser: Chromium without a window. Skipped where there is none.
+//! `report.html` in a browser: Chromium without a window. Skipped where Chromium is missing.
 
 use std::collections::HashSet;
 use std::fs::{self, File};
@@ -11,10 +11,11 @@ use serde_json::Value;
 
 use super::{Scratch, ball_and_box, run_into, shown, text};
 
-/// Longest that a browser may take for one page.
+/// Longest time of the browser for one page.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// A page is given so much of the browser's own time, which runs as fast as the page has nothing to do [ms].
+/// Budget of the browser's virtual time for a page [ms]. Virtual time runs fast while the page
+/// is idle.
 const BUDGET: &str = "--virtual-time-budget=10000";
 
 fn browser() -> Option<PathBuf> {
@@ -26,14 +27,14 @@ fn browser() -> Option<PathBuf> {
         .find(|path| path.is_file())
 }
 
-/// Opens pages, with a profile that goes with the test.
+/// Opens pages with a browser profile that the test removes.
 struct Browser<'a> {
     program: PathBuf,
     scratch: &'a Scratch,
 }
 
 impl Browser<'_> {
-    /// What a page and the browser say when it is opened.
+    /// Output of the page and the browser when the page is opened.
     fn open(&self, page: &Path, more: &[&str]) -> (String, String) {
         let [said, log] = ["said", "log"].map(|name| self.scratch.join(name));
         let mut child = Command::new(&self.program)
@@ -60,7 +61,7 @@ impl Browser<'_> {
             .stdin(Stdio::null())
             .stdout(File::create(&said).unwrap())
             .stderr(File::create(&log).unwrap())
-            // What it starts ends with it.
+            // The child processes of the browser end with it.
             .process_group(0)
             .spawn()
             .unwrap();
@@ -86,7 +87,8 @@ impl Browser<'_> {
         (said, log)
     }
 
-    /// What a page writes on its console. Nothing is an error only: the log does not tell them apart.
+    /// Messages of a page on its console. Only an empty list means no error, because the log
+    /// does not separate kinds.
     fn console(&self, page: &Path) -> Vec<String> {
         let (_, log) = self.open(page, &["--dump-dom"]);
         log.lines()
@@ -95,7 +97,7 @@ impl Browser<'_> {
             .collect()
     }
 
-    /// What a page looks like.
+    /// Pixels of a page.
     fn screenshot(&self, page: &Path) -> Vec<[u8; 3]> {
         let path = self.scratch.join("shot.png");
         let _ = fs::remove_file(&path);
@@ -120,7 +122,7 @@ impl Browser<'_> {
             .collect()
     }
 
-    /// What [`DRIVER`] found on a copy of a page.
+    /// Result of [`DRIVER`] on a copy of a page.
     fn driven(&self, html: &str) -> Value {
         let page = self.scratch.join("driven.html");
         fs::write(&page, with_script(html, DRIVER)).unwrap();
@@ -133,7 +135,7 @@ impl Browser<'_> {
     }
 }
 
-/// A page with one more script, which its policy has to let run.
+/// A page with one more script, which its policy must permit.
 fn with_script(html: &str, script: &str) -> String {
     let at = html
         .find("script-src 'sha256-")
@@ -144,7 +146,8 @@ fn with_script(html: &str, script: &str) -> String {
     html.replace("</body>", &format!("<script>{script}</script></body>"))
 }
 
-/// Moves the slider through all frames from all sides, and back, then plays. Pictures are named by a hash of their pixels.
+/// Moves the slider through all frames from all sides and back, then plays. Pictures are named
+/// by a hash of their pixels.
 const DRIVER: &str = "
 const pause = ms => new Promise(done => setTimeout(done, ms));
 const one = what => document.querySelector('.turntable ' + what);
@@ -184,7 +187,7 @@ const shown = element => element.getClientRects().length > 0;
 })();
 ";
 
-/// Moves the slider half way.
+/// Moves the slider to the middle.
 const HALF_WAY: &str = "
 setTimeout(() => {
   const slider = document.querySelector('.turntable input[type=range]');
@@ -193,7 +196,7 @@ setTimeout(() => {
 }, 2000);
 ";
 
-/// What is wrong with a turn-table of these frames; empty if it works.
+/// Faults of a turn-table of these frames; empty if it works.
 fn faults(found: &Value, frames: &[usize]) -> Vec<String> {
     let mut faults = Vec::new();
     let mut check = |right: bool, what: String| {
@@ -257,7 +260,8 @@ fn colours(pixels: &[[u8; 3]]) -> usize {
     pixels.iter().collect::<HashSet<_>>().len()
 }
 
-/// A page with text and a few marks has not as many colours as one with a picture.
+/// A page with text and a few marks has fewer colours than this; a page with a picture has
+/// more.
 const MANY: usize = 400;
 
 #[test]
@@ -293,7 +297,7 @@ fn the_report_works_in_a_browser() {
     };
     let console = browser.console(&page);
     assert!(console.is_empty(), "{console:?}");
-    // Every second of 0 to 25, because there are too many, and the last.
+    // Every second frame of 0 to 25, because there are too many, and the last.
     let frames: Vec<usize> = (0..25).step_by(2).chain([25]).collect();
     let wrong = faults(&browser.driven(&html), &frames);
     assert!(wrong.is_empty(), "{wrong:?}");
@@ -321,7 +325,8 @@ fn the_report_works_in_a_browser() {
         "control: two screenshots of one page differ"
     );
 
-    // Controls. A script that fails, one that the policy does not know, a slider that is dead, a page with nothing on it.
+    // Controls: a script that fails, a script that the policy does not know, a dead slider, an
+    // empty page.
     let altered = |from: &str, to: &str| {
         let changed = html.replace(from, to);
         assert!(changed != html, "`{from}` is not on the page");

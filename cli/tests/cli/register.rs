@@ -12,7 +12,8 @@ use serde_json::Value;
 
 use super::{Scratch, json, measures, names_in, run, shown, text};
 
-/// A body with bumps of different sizes, so that it can lie in one way only; its vertices are those of a ball turned by `turn`.
+/// A body with bumps of different sizes, so that only one position fits. Its vertices are those
+/// of a ball rotated by `turn`.
 fn body(turn: Vector3<f64>) -> TriangleMesh {
     let mut mesh = shapes::icosphere(1.0, 3);
     let turn = nalgebra::UnitQuaternion::from_scaled_axis(turn);
@@ -57,7 +58,7 @@ fn a_known_similarity_is_found_and_told_as_a_matrix() {
         Vector3::new(1.0, 2.0, -0.7),
         1.7,
     );
-    // Other vertices of the same shape.
+    // The same shape with other vertices.
     let moving = moved(&body(Vector3::new(0.3, 0.2, 0.5)), &known.inverse());
     let heat: Vec<f64> = (0..642).map(f64::from).collect();
     let a = scratch.join("a.vtp");

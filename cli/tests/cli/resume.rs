@@ -1,4 +1,4 @@
-//! `--checkpoint-every` and `--resume`: a run that goes on leaves the files of one that never stopped.
+//! `--checkpoint-every` and `--resume`: a resumed run leaves the files of an uninterrupted run.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use super::{Scratch, json, pliant, run_into, shown, text, turntable};
 
-/// Every file below a folder, by its path from there.
+/// Every file below a folder, by its relative path.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut all = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
@@ -24,7 +24,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     all
 }
 
-/// Files that tell of times.
+/// Files that contain times.
 const TIMED: [&str; 4] = [
     "times.csv",
     "summary.json",
@@ -32,12 +32,12 @@ const TIMED: [&str; 4] = [
     "checkpoint.pliant",
 ];
 
-/// The turn-table of a run's page, which tells of no times as the rest of the page does.
+/// The turn-table of a run's page, which contains no times, unlike the rest of the page.
 fn turned(folder: &Path) -> String {
     turntable(&fs::read_to_string(folder.join("report.html")).unwrap()).0
 }
 
-/// Whether two folders of results are the same but for times.
+/// Whether two folders of results are equal except for times.
 fn same(a: &Path, b: &Path) -> bool {
     let (fa, fb) = (files(a), files(b));
     assert!(fa.keys().eq(fb.keys()), "{:?}\n{:?}", fa.keys(), fb.keys());
@@ -63,7 +63,8 @@ fn same(a: &Path, b: &Path) -> bool {
 fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
     let scratch = Scratch::folder();
     let [whole, again, earlier] = ["whole", "again", "earlier"].map(|name| scratch.join(name));
-    // Two bones that move, so that some of their files are named by several frames; fibres have files of their own.
+    // Two moving bones, so that several frames name some of their files. Fibres have files of
+    // their own.
     let joint = [
         "bone.0.motion.centre=['0 m','0 m','0 m']",
         "bone.0.motion.axis=[-1,0,0]",
@@ -87,13 +88,14 @@ fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
     let list = fs::read_to_string(whole.join("pliant-files.txt")).unwrap();
     assert!(list.contains("\ncheckpoint.pliant\n"), "{list}");
 
-    // Stopped at its end, then made longer.
+    // Finished, then extended.
     go(&again, &["--frames", "7", "--checkpoint-every", "5"]);
     assert!(!again.join("distance.gif").exists());
     go(&again, &["--frames", "14", "--resume", "--animate", "gif"]);
     assert!(same(&whole, &again));
 
-    // Killed after frame 11: of the last checkpoint, at 5, there are frames too many, half a file, and no tables.
+    // Killed after frame 11. The last checkpoint is at 5, so there are extra frames, half a
+    // file, and no tables.
     go(&earlier, &["--frames", "5", "--checkpoint-every", "5"]);
     go(&again, &["--frames", "11", "--animate", "gif"]);
     fs::copy(
@@ -112,13 +114,13 @@ fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
     go(&again, &["--frames", "14", "--resume", "--animate", "gif"]);
     assert!(same(&whole, &again));
 
-    // A run that is done is only written again; without --animate the animation goes.
+    // A finished run is only written again; without --animate the animation is removed.
     go(&again, &["--frames", "14", "--resume"]);
     assert!(!again.join("distance.gif").exists());
     go(&again, &["--frames", "14", "--resume", "--animate", "gif"]);
     assert!(same(&whole, &again));
 
-    // Controls: other frames are another turn-table, and another frame is another file.
+    // Controls: other frames give another turn-table, and another frame gives another file.
     assert_ne!(turned(&whole), turned(&earlier));
     let frame = again.join("frames/muscle_0004.vtp");
     fs::copy(again.join("frames/muscle_0005.vtp"), frame).unwrap();
@@ -226,10 +228,10 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
         .unwrap();
     assert_eq!(done.status.code(), Some(2));
     fs::remove_dir(&checkpoint).unwrap();
-    // Control: as it was written, it goes on.
+    // Control: the unchanged checkpoint resumes.
     fs::write(&checkpoint, kept).unwrap();
     run_into(&out, &resume);
-    // A run that begins anew removes it.
+    // A new run removes it.
     run_into(&out, &["distance", "--frames", "1"]);
     assert!(!checkpoint.exists());
 }

@@ -1,4 +1,4 @@
-//! `pliant springs`: files and lattices to rest, results, what is refused.
+//! `pliant springs`: files and lattices at equilibrium, results, rejected input.
 
 use std::fs;
 use std::process::{Command, Stdio};
@@ -115,7 +115,7 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
         );
     }
     assert_eq!(of(&["--adaptive", "--dt", "3"]).0, Some(0));
-    // Too few steps: a result that fails.
+    // Too few steps: the result fails.
     let (code, said) = of(&["--steps", "3"]);
     assert_eq!(
         (code, said["springs"]["at_rest"].as_bool()),
@@ -128,7 +128,7 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
 fn ctrl_c_ends_a_long_run_with_what_there_is() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
-    // A step that is far too short to get anywhere.
+    // The step is far too short for any progress.
     let mut child = pliant()
         .args([
             "springs",
@@ -279,7 +279,7 @@ fn steps_that_are_not_enough_are_told_how_many_would_be() {
     assert!(steps.parse::<u32>().unwrap() > 60, "{hint}");
     let (code, said, _) = of(&[&lattice[..], &[&steps]].concat());
     assert_eq!(code, Some(0), "{hint} {said}");
-    // Without damping it is said at once, and few steps are made.
+    // Missing damping is reported at once, after few steps.
     let (code, said, heard) = of(&["--lattice", "5x5x5", "--damping", "0"]);
     assert_eq!(
         (code, said["springs"]["steps"].as_u64()),
@@ -292,7 +292,7 @@ fn steps_that_are_not_enough_are_told_how_many_would_be() {
     );
     let (_, said, _) = of(&["--lattice", "5x5x5", "--damping", "0", "--steps", "30"]);
     assert_eq!(said["springs"]["steps"].as_u64(), Some(30));
-    // An integrator that damps by itself gets there.
+    // An integrator with damping of its own reaches equilibrium.
     let (code, _, heard) = of(&[
         "--lattice",
         "4x4x4",

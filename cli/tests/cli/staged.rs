@@ -1,4 +1,5 @@
-//! Scenes of skin over implants, of a ball under a sheet, of a soft cube, of a lattice: every command that takes a scene.
+//! Scenes of skin over implants, of a ball under a sheet, of a soft cube, of a lattice: every
+//! command that uses a scene.
 
 use std::fs;
 
@@ -9,7 +10,7 @@ use super::{
     turntable,
 };
 
-/// The flat implant on a mesh that takes a second.
+/// The flat implant on a mesh that needs a second.
 const SMALL: [&str; 6] = [
     "flat-implant",
     "--set",
@@ -26,7 +27,7 @@ fn number(value: &Value, path: &str) -> f64 {
         .unwrap_or_else(|| panic!("{path}: {value}"))
 }
 
-/// The summary of a run, printed and kept alike.
+/// The summary of a run. The printed and the saved summary are equal.
 fn summary(arguments: &[&str]) -> (Scratch, Value) {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
@@ -64,7 +65,7 @@ fn a_flat_implant_has_areas_frames_and_pictures() {
     assert_eq!((implants.len(), found["frames"].as_u64()), (1, Some(1)));
     let of = |path: &str| number(&implants[0], path);
     let gain = (of("/area_deformed_m2") - of("/area_before_m2")) * 1e4;
-    // What geometry allows, as in the digest of the source.
+    // The geometric limits, as in the digest of the source.
     assert!((4.0..=16.3).contains(&gain), "{gain} cm2");
     for span in ["retracted", "grown"] {
         let [low, high] = ["low", "high"].map(|end| of(&format!("/area_{span}_m2/{end}")));
@@ -132,7 +133,7 @@ fn an_expander_is_filled_step_by_step_over_its_skull() {
         number(&found, "/skin/area_before_m2") < areas[0] && areas[0] < areas[1],
         "{areas:?}"
     );
-    // The skull ends at 84 mm; the shell may sink in by a thousandth of its base of 6 cm.
+    // The skull ends at 84 mm; the shell may penetrate it by a thousandth of its base of 6 cm.
     let out = scratch.join("out");
     let shell = pliant::io::read(&out.join("frames/expander_0002.vtp"))
         .unwrap()
@@ -168,8 +169,8 @@ fn a_ball_lifts_a_sheet() {
     ];
     let (scratch, found) = summary(&arguments);
     let of = |path: &str| number(&found, &format!("/skin/ball{path}"));
-    // A cone from the rim to the ball, and a cap of it, have 1.29 times the area of the rim's circle where that is 3.82 mm
-    // wide; the coarse region is wider, and chords are shorter.
+    // A cone from the boundary loop to the ball, with a cap of the ball, has 1.29 times the area
+    // of the loop's circle of 3.82 mm. The coarse region is wider, and chords are shorter.
     let stretched = of("/area_deformed_m2") / of("/area_before_m2");
     assert!((1.15..1.29).contains(&stretched), "{stretched}");
     assert!(found["skin"]["implants"].as_array().unwrap().is_empty());
@@ -244,7 +245,7 @@ fn the_plan_tells_what_runs_and_why_the_rest_does_not() {
         has(&flat["run"], "contact with what was under the skin")
             && has(&flat["left_out"], "growth")
     );
-    // The source's count.
+    // The number in the source.
     let layers = flat["run"]
         .as_array()
         .unwrap()
@@ -260,7 +261,7 @@ fn the_plan_tells_what_runs_and_why_the_rest_does_not() {
         .find(|row| row["effect"] == "two layers of skin")
         .unwrap();
     assert_eq!(layers["elements"], 22176);
-    // An obstacle out of reach is left out.
+    // An obstacle out of reach is omitted.
     let scratch = Scratch::folder();
     let scene = scratch.join("far.toml");
     let far = FLAT.to_owned() + "[[obstacle]]\nname = 'far'\nmesh = 'far.obj'\nunit = 'm'\n";
@@ -302,7 +303,7 @@ fn a_study_compares_volumes() {
             .all(|row| row["status"] == "converged" && row.get("volume_error").is_none())
     );
     assert!(out.join("sheet.png").is_file());
-    // Nothing is left to run.
+    // No frame is left to run.
     let again = pliant()
         .args([
             "study",

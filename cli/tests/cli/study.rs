@@ -1,4 +1,4 @@
-//! `pliant study`: what is run, what is taken from an earlier call, what is refused.
+//! `pliant study`: the runs, the results reused from an earlier call, rejected input.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -26,7 +26,7 @@ force = [\"0 N\", \"-10 N\", \"0 N\"]
 ";
 const MESH: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n";
 
-/// Without times, which no two runs share.
+/// Without times, which differ between runs.
 const STUDY: &str = "
 scene = \"scene.toml\"
 frames = [0, 6, 12]
@@ -55,7 +55,7 @@ fn study(file: &str, out: &Path, more: &[&str]) -> String {
     text(&done.stdout)
 }
 
-/// How many runs a dry run would make.
+/// Number of runs that a dry run announces.
 fn to_run(file: &str, out: &Path, more: &[&str]) -> usize {
     let said = study(file, out, &[&["--dry-run", "--json"], more].concat());
     let rows: Value = serde_json::from_str(&said).unwrap();
@@ -67,7 +67,7 @@ fn to_run(file: &str, out: &Path, more: &[&str]) -> usize {
         .count()
 }
 
-/// All files of a folder but the page's and the runs', by name.
+/// All files of a folder by name, except those of the page and the runs.
 fn results(out: &Path) -> BTreeMap<String, Vec<u8>> {
     let all = names_in(out)
         .into_iter()
@@ -96,7 +96,7 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
     let table: Value = serde_json::from_str(&printed).unwrap();
     assert_eq!(table, json(&out.join("study.json")));
     let rows = table["rows"].as_array().unwrap();
-    // Four combinations; of each stretch one reference.
+    // Four combinations, and one reference for each stretch.
     assert_eq!(rows.len(), 6);
     assert_eq!(rows[1]["values"]["solver.pbd.iterations"], "1");
     assert_eq!(rows[1]["values"]["solver.pbd.stretch"], "1");
@@ -110,7 +110,7 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
     );
     let csv = fs::read_to_string(out.join("study.csv")).unwrap();
     assert_eq!(csv.lines().count(), 7);
-    // Commas within quotes stand between no columns.
+    // Commas within quotes separate no columns.
     let columns = |l: &str| {
         l.split('"')
             .step_by(2)
@@ -124,7 +124,8 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
     );
     let whole = results(&out);
 
-    // Some runs are lost, a table is damaged: what is left is taken, the rest is run, to the same bytes.
+    // Some runs are lost and a table is damaged. The intact runs are reused, the others run
+    // again, and all bytes are equal.
     let runs = names_in(&out.join("runs"));
     assert_eq!((runs.len(), to_run(&file, &out, &[])), (6, 0));
     let kept = fs::metadata(out.join("runs").join(&runs[0]))
@@ -175,13 +176,13 @@ fn nothing_that_has_changed_is_taken_from_an_old_result() {
         to_run(&file, &out, &["--set", "solver.pbd.velocity_damping=0.98"]),
         6
     );
-    // Another value: two combinations are new, the references are not.
+    // Another value: two combinations are new, the references are unchanged.
     fs::write(&file, STUDY.replace("[1, 3]", "[1, 4]")).unwrap();
     assert_eq!(to_run(&file, &out, &[]), 2);
     fs::write(&file, STUDY.replace("[0, 6, 12]", "[0, 7, 12]")).unwrap();
     assert_eq!(to_run(&file, &out, &[]), 6);
     fs::write(&file, STUDY).unwrap();
-    // The contents of a mesh count, and neither its age nor its length.
+    // The contents of a mesh matter, not its age or length.
     fs::write(scratch.join("muscle.obj"), MESH).unwrap();
     assert_eq!(to_run(&file, &out, &[]), 0);
     fs::write(

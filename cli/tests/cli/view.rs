@@ -1,4 +1,4 @@
-//! `pliant view` where there is no window to open; tests/window drives the window itself.
+//! `pliant view` on a machine without a display; tests/window uses the window itself.
 
 use super::{run, text};
 

@@ -1,4 +1,4 @@
-//! A screen without a monitor, and the viewer on it, steered by a mouse and keys that are none.
+//! A virtual screen with the viewer on it, controlled by a virtual mouse and keyboard.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use pliant::testing::Scratch;
 use serde_json::Value;
 
-/// A guard against a hang, and nothing that is measured: drawing without a graphics card is slow.
+/// A guard against a hang, not a measured limit: drawing without a graphics card is slow.
 const LONG: Duration = Duration::from_secs(180);
 
 /// Screens of this process.
@@ -23,7 +23,7 @@ fn is_there(program: &str) -> bool {
     found.is_ok_and(|status| status.success())
 }
 
-/// A screen; `None` where there is no program that makes one, which is said and counted.
+/// A screen; `None` where no program creates one, which is printed and counted.
 pub struct Desk {
     server: Child,
     display: String,
@@ -104,7 +104,7 @@ impl Drop for Desk {
     }
 }
 
-/// A viewer that runs.
+/// A running viewer.
 pub struct Viewer<'a> {
     desk: &'a Desk,
     child: Child,
@@ -112,19 +112,19 @@ pub struct Viewer<'a> {
 }
 
 impl Viewer<'_> {
-    /// What it showed last.
+    /// The last reported picture.
     pub fn last(&self) -> Option<Value> {
         let text = fs::read_to_string(self.folder.join("trace")).ok()?;
         let whole = &text[..=text.rfind('\n')?];
         serde_json::from_str(whole.lines().last()?).ok()
     }
 
-    /// What its standard error says.
+    /// The standard error of the viewer.
     pub fn errors(&self) -> String {
         fs::read_to_string(self.folder.join("errors")).unwrap_or_default()
     }
 
-    /// The first picture from now on for which something holds.
+    /// The first picture from now on that satisfies a condition.
     pub fn wait(&mut self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
         loop {
@@ -147,7 +147,7 @@ impl Viewer<'_> {
         }
     }
 
-    /// A picture that was begun after now.
+    /// A picture that begins after this call.
     pub fn next(&mut self) -> Value {
         let now = self
             .last()
@@ -157,9 +157,9 @@ impl Viewer<'_> {
         })
     }
 
-    /// Gives it the keys.
+    /// Gives the keyboard focus to the viewer.
     pub fn focus(&mut self) {
-        // In the first pictures widgets are still being laid out.
+        // In the first pictures the layout of the widgets still changes.
         self.wait("the first pictures", |seen| number(&seen["picture"]) >= 4.0);
         let found = self.desk.hand(&["search", "--sync", "--name", "Pliant"]);
         let text = String::from_utf8_lossy(&found.stdout).into_owned();
@@ -177,7 +177,7 @@ impl Viewer<'_> {
         self.desk.hand(&["key", key]);
     }
 
-    /// Presses a button at a place, goes to another, and lets go.
+    /// Presses a button at one place, moves to another, and releases the button.
     pub fn drag(
         &mut self,
         button: &str,
@@ -207,7 +207,7 @@ impl Viewer<'_> {
         self.next();
     }
 
-    /// Turns the wheel at a place.
+    /// Rotates the wheel at a place.
     pub fn scroll(&mut self, at: [f64; 2], notches: u32) {
         self.go(at);
         self.desk
@@ -215,13 +215,14 @@ impl Viewer<'_> {
         self.next();
     }
 
-    /// Where a widget is.
+    /// Rectangle of a widget.
     pub fn widget(&mut self, name: &str) -> [f64; 4] {
         let seen = self.wait(name, |seen| find(seen, name).is_some());
         rect(find(&seen, name).expect("it was found"))
     }
 
-    /// Clicks on a widget, and waits until that is done: what is answered moves what is below it in the panel.
+    /// Clicks on a widget and waits for the answer, which moves the widgets below it in the
+    /// panel.
     pub fn press(&mut self, name: &str) {
         let [left, top, _, bottom] = self.widget(name);
         self.click([left + 8.0, 0.5 * (top + bottom)]);
@@ -233,17 +234,17 @@ impl Viewer<'_> {
         self.wait("answers", |seen| number(&seen["waiting"]) == 0.0);
     }
 
-    /// Moves a slider to a share of its way.
+    /// Moves a slider to a share of its range.
     pub fn slide(&mut self, name: &str, share: f64) {
         let [left, top, _, bottom] = self.widget(name);
         let y = 0.5 * (top + bottom);
-        // The rail is 100 points wide, less the handle.
+        // The slider is 100 points wide, minus the handle.
         let at = |share: f64| [left + 8.0 + 84.0 * share, y];
         self.drag("1", at(0.5), at(share), |_| {});
         self.settle();
     }
 
-    /// The pictures and recordings that it saved, in the order of their names.
+    /// The saved pictures and recordings, in the order of their names.
     pub fn pictures(&self) -> Vec<PathBuf> {
         let entries = fs::read_dir(self.folder.join("pictures"))
             .into_iter()
@@ -263,7 +264,7 @@ impl Viewer<'_> {
         Picture::read(self.pictures().last().expect("a picture"))
     }
 
-    /// Waits until something is in its folder.
+    /// Waits until a file is in the viewer's folder.
     pub fn wait_for_file(&mut self, what: &str, is_there: impl Fn(&Self) -> bool) {
         let begun = Instant::now();
         while !is_there(self) {
@@ -282,7 +283,7 @@ impl Viewer<'_> {
         self.ended()
     }
 
-    /// Waits until it ends and returns the exit code.
+    /// Waits until the viewer ends and returns the exit code.
     pub fn ended(mut self) -> Option<i32> {
         let begun = Instant::now();
         loop {
@@ -318,12 +319,12 @@ fn rect(widget: &Value) -> [f64; 4] {
     std::array::from_fn(|k| number(&widget["rect"][k]))
 }
 
-/// The share of its way at which a control's slider is.
+/// The position of a control's slider as a share of its range.
 pub fn share(seen: &Value, name: &str) -> f64 {
     find(seen, name).map_or(f64::NAN, |widget| number(&widget["value"]["share"]))
 }
 
-/// A picture that was saved.
+/// A saved picture.
 pub struct Picture {
     pub size: (u32, u32),
     pub pixels: Vec<[u8; 3]>,
@@ -362,7 +363,7 @@ impl Picture {
             / self.pixels.len() as f64
     }
 
-    /// Why nothing is on it; `None` where something is.
+    /// The reason why the picture is empty; `None` where it is not.
     pub fn blank(&self) -> Option<String> {
         let mut colours = self.pixels.clone();
         colours.sort_unstable();

@@ -1,6 +1,8 @@
-//! The viewer in a window on a screen that is none (Xvfb): opened, steered by mouse and keys, closed.
+//! The viewer in a window on a virtual screen (Xvfb): opened, controlled by mouse and keys,
+//! closed.
 //!
-//! Where there is no Xvfb or xdotool the tests say skipped. The window tells where its widgets are in a file (`--trace`).
+//! Where Xvfb or xdotool is missing the tests print that they are skipped. The window writes
+//! the positions of its widgets to a file (`--trace`).
 
 mod desk;
 
@@ -10,7 +12,7 @@ use desk::{Desk, Picture, find, number, share};
 use pliant::testing::Scratch;
 use serde_json::Value;
 
-/// The hip, coarse, and slow enough to be steered.
+/// The hip, coarse, and slow enough to be controlled.
 const HIP: [&str; 6] = [
     "hip",
     "--set",
@@ -43,7 +45,7 @@ fn it_opens_runs_pauses_resets_and_closes() {
     assert_eq!((frame(&seen), &seen["running"]), (0.0, &Value::Bool(false)));
     let first = viewer.picture();
     assert_eq!(first.blank(), None);
-    // A picture is of the scene alone: what is in the panel is beside it.
+    // A picture contains only the scene; the panel is beside it.
     let left = |widget: &Value| number(&widget["rect"][0]);
     let panel = seen["widgets"]
         .as_array()
@@ -61,7 +63,7 @@ fn it_opens_runs_pauses_resets_and_closes() {
         "bone: {}",
         first.share(is_bone)
     );
-    // A tenth of the width by a fiftieth of the height, less what fibres cover.
+    // A tenth of the width by a fiftieth of the height, minus the part covered by fibres.
     assert!(
         first.share(is_violet) > 0.001,
         "muscle without stretch: {}",
@@ -118,11 +120,11 @@ fn every_slider_moves_what_it_says() {
                 0.75
             };
             viewer.slide(name, wanted);
-            // A bone goes to its angle as frames follow.
+            // A bone moves to its angle during the next frames.
             if name == "bone femur/angle" {
                 continue;
             }
-            // Whole numbers near 1 are far apart.
+            // Neighbouring whole numbers near 1 are far apart on the slider.
             viewer.wait(name, |seen| (share(seen, name) - wanted).abs() < 0.13);
         } else if !name.starts_with("solver/") {
             viewer.press(name);
@@ -209,7 +211,7 @@ fn the_mouse_turns_moves_picks_pulls_and_fixes() {
     });
     viewer.key("Escape");
     viewer.wait("nothing is picked", |seen| seen["probe"].is_null());
-    // What is no surface picks nothing.
+    // A click beside all surfaces picks nothing.
     viewer.click([20.0, 20.0]);
     assert!(viewer.next()["probe"].is_null());
     assert_eq!(viewer.close(), Some(0));
@@ -252,7 +254,7 @@ fn a_finished_run_is_played_forward_and_back() {
     viewer.wait("the first frame", |seen| {
         frame(seen) == 0.0 && seen["running"] == false
     });
-    // Not as at first: the legend has seen more since.
+    // The picture differs from the first, because the legend has covered more values since.
     let back = viewer.picture();
     viewer.press("Forward");
     viewer.wait("the last frame again", |seen| {

@@ -283,7 +283,7 @@ impl Relax for Descent<'_> {
                 let step = Vector3::new(step[3 * u], step[3 * u + 1], step[3 * u + 2]);
                 x[p as usize] = start[p as usize] + step * share;
             }
-            // Where energies differ by rounding only, the whole step is taken.
+            // Accepts the whole step if energies differ by rounding only.
             let enough = net.energy(x) <= before - 1e-4 * share * fall + 1e-14 * before;
             if enough || halving == HALVINGS {
                 break;

@@ -54,7 +54,7 @@ pub(super) struct Working<'a> {
     /// Greatest distance of a projection [m].
     reach: f64,
     progress: &'a dyn Progress,
-    /// How often it was asked whether to go on.
+    /// Number of checks for cancellation.
     asked: usize,
     stopped: bool,
 }

@@ -1,4 +1,4 @@
-//! Several bodies that may touch, and a step of all of them.
+//! Several bodies with contact, and their common time step.
 
 use std::sync::Arc;
 
@@ -12,39 +12,41 @@ use crate::mesh::measures::max_or_nan;
 use crate::springs::integrators::{SemiImplicitEuler, StepError};
 use crate::springs::stability;
 
-/// Several bodies that may touch each other and what stands around them.
+/// Several bodies with contact between them and with fixed obstacles.
 ///
-/// A step is forces, velocities, impulses, positions: an impulse acts in its own step, because positions are moved with the
-/// new velocities (errata B05). Contacts are found where the bodies are at the begin of the step, so bodies overlap by what
-/// they move towards each other in one step; what is thinner than that may be passed through.
+/// A step computes forces, velocities, impulses, positions. An impulse acts in its own step,
+/// because positions move with the new velocities (errata B05). Contacts are found at the beginning
+/// of the step, so bodies overlap by their approach in one step; thinner bodies can be passed
+/// through.
 pub struct Bodies {
     /// The bodies.
     pub bodies: Vec<Body>,
-    /// What stands still around them, in space. Vertices of soft bodies are kept out of it.
+    /// Fixed obstacles in space. Vertices of soft bodies stay out of them.
     pub obstacles: Vec<Arc<dyn Obstacle>>,
-    /// Restitution and friction of everything.
+    /// Restitution and friction of all contacts.
     pub response: Response,
-    /// What makes the two halves of the step.
+    /// The integrator of the two halves of the step.
     pub integrator: SemiImplicitEuler,
-    /// Rounds over all contacts a step at most: each answers what the others left.
+    /// Greatest number of rounds over all contacts in a step: each corrects the remainder of the
+    /// others.
     pub sweeps: usize,
-    /// The share of its depth by which a vertex inside is put out each step, without a velocity, 0 to 1. Impulses alone keep
-    /// what is inside where it is.
+    /// Share of the depth by which a penetrating vertex is moved out in each step, without a
+    /// velocity, 0 to 1. Impulses alone do not remove penetration.
     pub put_out: f64,
 }
 
 /// Contacts of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepContacts {
-    /// Edges that cross triangles.
+    /// Number of edges that cross triangles.
     pub crossings: usize,
-    /// Vertices inside.
+    /// Number of vertices inside.
     pub inside: usize,
-    /// How far the deepest was [m].
+    /// Greatest depth [m].
     pub depth: f64,
-    /// Impulses given.
+    /// Number of impulses.
     pub impulses: usize,
-    /// The greatest speed of approach that was left at a contact [m/s].
+    /// Greatest remaining speed of approach at a contact [m/s].
     pub approach: f64,
 }
 
@@ -61,24 +63,25 @@ impl Bodies {
         }
     }
 
-    /// The longest stable step of all bodies apart [s], at their present shapes. Contact by impulses does not shorten it.
+    /// The longest stable step of all bodies [s], at their present shapes. Contact by impulses does
+    /// not shorten it.
     pub fn limit(&self) -> f64 {
         let each = |b: &Body| stability::limit(&self.integrator, &stability::stiffest(&b.system));
         self.bodies.iter().map(each).fold(f64::INFINITY, f64::min)
     }
 
-    /// Advances all by `dt` [s].
+    /// Advances all bodies by `dt` [s].
     ///
     /// # Errors
-    /// Numbers that are not finite; the bodies are then as the failed step left them. What one body brings into the step does not
-    /// reach the others.
+    /// Numbers that are not finite; the bodies are then in the state of the failed step. Invalid
+    /// numbers of one body do not reach the others.
     pub fn step(&mut self, dt: f64) -> Result<StepContacts, StepError> {
         self.check(dt)?;
         for body in &mut self.bodies {
             body.begin_step();
             self.integrator.velocities(&mut body.system, dt);
         }
-        // Before anything is looked for: what is nowhere touches nothing.
+        // This check comes first: a point without a finite position touches nothing.
         self.check(dt)?;
         self.bodies.iter_mut().for_each(Body::refit);
         let contacts = find(&mut self.bodies, &self.obstacles);
@@ -111,7 +114,8 @@ impl Bodies {
         first.map_or(Ok(()), |point| Err(StepError::NotFinite { point, dt }))
     }
 
-    /// The two sides of a contact, with velocities or moves that `of` gives the points of a body.
+    /// The two sides of a contact, with the velocities or moves that `of` returns for the points of
+    /// a body.
     fn parts<'a>(
         &'a self,
         t: &Contact,
@@ -139,14 +143,14 @@ impl Bodies {
         self.parts(t, |body| &self.bodies[body].system.velocity)
     }
 
-    /// Speed at which the two sides part [m/s]; negative where they approach.
+    /// Separation speed of the two sides [m/s]; negative for an approach.
     fn approach(&self, t: &Contact) -> f64 {
         let (first, second) = self.moving(t);
         (second.at() - first.at()).dot(&t.normal)
     }
 
-    /// Impulses in turn, until nothing approaches or the rounds are over; returns how many there were. Each is a collision of
-    /// its own, after which there is no more energy than before.
+    /// Applies impulses in turn, until nothing approaches or the rounds end. Returns the number of
+    /// impulses. Each is a separate collision that does not increase the energy.
     fn respond(&mut self, contacts: &[Contact]) -> usize {
         let mut given = 0;
         for _ in 0..self.sweeps {
@@ -179,8 +183,9 @@ impl Bodies {
         given
     }
 
-    /// Moves the two sides of what is inside apart by a share of its depth, the lighter more; the centre of mass stays. What other
-    /// contacts have moved apart already counts: a hundred vertices in one triangle move it as far as one.
+    /// Moves the two sides of a penetration apart by a share of the depth, the lighter one more;
+    /// the centre of mass stays. Moves by earlier contacts count: a hundred vertices in one
+    /// triangle move it as far as one does.
     fn put_out(&mut self, contacts: &[Contact]) {
         let mut moves: Vec<Vec<Vector3<f64>>> = self
             .bodies
@@ -209,7 +214,8 @@ impl Bodies {
     }
 }
 
-/// Adds to points of a body what an impulse at the part does to them. Added, not set: a vertex stands for both ends of an edge.
+/// Adds the effect of an impulse to the points of a body. It adds, since a vertex represents both
+/// ends of an edge.
 fn add<const N: usize>(
     to: &mut [Vector3<f64>],
     points: &[u32; N],

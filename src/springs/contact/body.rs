@@ -1,4 +1,4 @@
-//! A body that may touch others: a spring system with a surface, or a rigid surface that is driven.
+//! A body for contact: a spring system with a surface, or a rigid surface with a given motion.
 
 use nalgebra::{Point3, Rotation3, Vector3};
 
@@ -10,46 +10,47 @@ use crate::mesh::measures::{Aabb, volume};
 use crate::mesh::topology::Topology;
 use crate::springs::system::{SpringSystem, SystemError};
 
-/// Why a body is refused.
+/// Error of a body.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum BodyError {
-    /// A triangle names a point that does not exist.
+    /// A triangle refers to a point that does not exist.
     #[error("triangle {triangle} names point {point}, but there are {count} points")]
     OutOfRange {
-        /// The triangle.
+        /// Index of the triangle.
         triangle: usize,
-        /// The point.
+        /// Index of the point.
         point: u32,
         /// Number of points.
         count: usize,
     },
-    /// A triangle names a point twice: an edge from a point to itself would be pushed with half of its mobility.
+    /// A triangle refers to a point twice: an edge from a point to itself would have half of its
+    /// mobility.
     #[error("triangle {triangle} names point {point} twice")]
     Twice {
-        /// The triangle.
+        /// Index of the triangle.
         triangle: usize,
-        /// The point.
+        /// Index of the point.
         point: u32,
     },
-    /// A soft body cannot be driven: its forces move it.
+    /// A soft body cannot have a given motion: its forces move it.
     #[error("the body is soft: its forces move it, so it cannot be driven")]
     Soft,
-    /// Nothing that could touch.
+    /// The body has no triangles.
     #[error("the body has no triangles: nothing could touch it")]
     NoTriangles,
-    /// A position that is not finite, or vertices that no system can have.
+    /// A position is not finite, or the vertices form no valid system.
     #[error(transparent)]
     System(#[from] SystemError),
 }
 
-/// How a rigid body moves.
+/// Motion of a rigid body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
     /// Velocity of the centre [m/s].
     pub linear: Vector3<f64>,
     /// Angular velocity [rad/s].
     pub angular: Vector3<f64>,
-    /// What it turns about [m]; it goes with the body.
+    /// Centre of rotation [m]; it moves with the body.
     pub centre: Point3<f64>,
 }
 
@@ -63,7 +64,7 @@ impl Drive {
         }
     }
 
-    /// Along a line, without turning.
+    /// A translation without rotation.
     pub fn along(linear: Vector3<f64>) -> Self {
         Self {
             linear,
@@ -74,7 +75,7 @@ impl Drive {
 
 /// A body of [`super::Bodies`].
 pub struct Body {
-    /// Its points, with what acts on them.
+    /// Points and forces of the body.
     pub system: SpringSystem,
     drive: Option<Drive>,
     triangles: Vec<[u32; 3]>,
@@ -82,18 +83,18 @@ pub struct Body {
     points: Vec<u32>,
     hierarchy: Hierarchy,
     owners: EdgeOwners,
-    /// The triangle across each side.
+    /// The triangle across each side of each triangle.
     neighbours: Vec<[Option<u32>; 3]>,
-    /// Knows inside from outside, where the surface is closed and turned outward.
+    /// Inside test for a closed surface with outward orientation.
     closed: Option<Surface>,
 }
 
 impl Body {
-    /// A spring system whose surface is `triangles`. Only a closed surface that is turned outward has an inside; any other is
-    /// met by its edges and triangles alone.
+    /// Creates a spring system with the surface `triangles`. Only a closed, outward surface has an
+    /// inside; any other touches with its edges and triangles alone.
     ///
     /// # Errors
-    /// No triangles, or one of points that do not exist or are the same; numbers that are not finite.
+    /// No triangles, a triangle with missing or equal points, or numbers that are not finite.
     pub fn soft(system: SpringSystem, triangles: &[[u32; 3]]) -> Result<Self, BodyError> {
         let count = system.len();
         for (triangle, corners) in triangles.iter().enumerate() {
@@ -141,13 +142,13 @@ impl Body {
         })
     }
 
-    /// A rigid surface. What touches it cannot move it.
+    /// Creates a rigid surface. Contacts cannot move it.
     ///
     /// # Errors
-    /// As [`Self::soft`].
+    /// Those of [`Self::soft`].
     pub fn rigid(mesh: &TriangleMesh, drive: Drive) -> Result<Self, BodyError> {
         let count = mesh.vertices.len();
-        // Masses are asked for, and count nowhere: all points are held.
+        // The system needs masses, but they have no effect: all points are fixed.
         let mut system = SpringSystem::new(mesh.vertices.clone(), vec![1.0; count])?;
         system.pin(0..count as u32);
         Ok(Self {
@@ -156,12 +157,12 @@ impl Body {
         })
     }
 
-    /// How it moves, if it is rigid.
+    /// The motion of a rigid body.
     pub fn drive(&self) -> Option<Drive> {
         self.drive
     }
 
-    /// Lets a rigid body move otherwise from now on.
+    /// Sets another motion of a rigid body.
     ///
     /// # Errors
     /// A soft body.
@@ -185,7 +186,7 @@ impl Body {
         volume(&self.system.position, &self.triangles)
     }
 
-    /// 1/m of a point [1/kg]; 0 where it is held.
+    /// Inverse mass of a point [1/kg]; 0 for a fixed point.
     pub fn inverse_mass(&self, point: u32) -> f64 {
         if self.system.pinned()[point as usize] {
             0.0
@@ -194,7 +195,7 @@ impl Body {
         }
     }
 
-    /// The points of a rigid body take its velocity.
+    /// Sets the points of a rigid body to its velocity.
     pub(super) fn begin_step(&mut self) {
         if let Some(Drive {
             linear,
@@ -212,7 +213,7 @@ impl Body {
         }
     }
 
-    /// A rigid body goes on by a step of `dt` [s], without losing its shape.
+    /// Moves a rigid body by a step of `dt` [s] without a change of shape.
     pub(super) fn carry(&mut self, dt: f64) {
         if let Some(drive) = &mut self.drive {
             let (from, by) = (
@@ -233,12 +234,12 @@ impl Body {
         }
     }
 
-    /// Boxes follow the points.
+    /// Updates the boxes.
     pub(super) fn refit(&mut self) {
         self.hierarchy.refit(&self.system.position, &self.triangles);
     }
 
-    /// Inside and outside follow the points.
+    /// Updates the inside test.
     pub(super) fn refit_inside(&mut self) {
         self.closed
             .iter_mut()
@@ -251,11 +252,12 @@ impl Body {
         (b - a).cross(&(c - a)).try_normalize(0.0)
     }
 
-    /// Unit direction out of a closed surface at a side of a triangle: between those of the two triangles there.
+    /// Unit direction out of a closed surface at a side of a triangle: the mean of the normals of
+    /// its two triangles.
     pub(super) fn normal_of_side(&self, (triangle, side): (u32, usize)) -> Option<Vector3<f64>> {
         self.closed.as_ref()?;
         let across = self.neighbours[triangle as usize][side]?;
-        // Triangles folded onto each other leave no direction but rounding's.
+        // Triangles folded onto each other define no direction.
         (self.normal(triangle)? + self.normal(across)?).try_normalize(1e-6)
     }
 

@@ -1,4 +1,4 @@
-//! Where the edges of one surface cross the triangles of another.
+//! Intersections of the edges of one surface with the triangles of another.
 
 use nalgebra::Point3;
 
@@ -6,10 +6,12 @@ use super::hierarchy::Hierarchy;
 use crate::mesh::predicates::{is_flat, near_one, segment_meets, side, turn};
 use crate::mesh::topology::Topology;
 
-/// Roundings of a product of two differences of coordinates, relative to the lengths; a generous count.
+/// Upper bound of the rounding error of a product of two coordinate differences, relative to the
+/// lengths.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// A point that an edge and a triangle share, as weights of their points: each sum to 1, none is negative.
+/// A common point of an edge and a triangle, as weights of their points: each set is non-negative
+/// with sum 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
     /// Weights of the ends of the edge.
@@ -18,11 +20,11 @@ pub struct Crossing {
     pub triangle: [f64; 3],
 }
 
-/// Where an edge crosses a triangle; whether it does is decided exactly \[shewchuk1997\]. `None` also for a triangle without
-/// area: the edges of its neighbours meet what it meets.
+/// The intersection of an edge and a triangle; its existence is exact \[shewchuk1997\]. `None` also
+/// for a triangle without area: the edges of its neighbours have the same intersections.
 ///
-/// An edge that lies in the plane of the triangle crosses it where the middle of what they share is. Where it almost does,
-/// rounding says where along it, but both sides name the same point.
+/// An edge in the plane of the triangle crosses it at the midpoint of their common part. For an
+/// almost parallel edge rounding decides on the position, but both sides give the same point.
 pub fn crossing([p, q]: [Point3<f64>; 2], [a, b, c]: [Point3<f64>; 3]) -> Option<Crossing> {
     let [p, q, a, b, c] = near_one([p, q, a, b, c]);
     let triangle = [a, b, c];
@@ -40,14 +42,14 @@ pub fn crossing([p, q]: [Point3<f64>; 2], [a, b, c]: [Point3<f64>; 3]) -> Option
     })
 }
 
-/// Sizes over their sum; `None` where all are zero.
+/// Magnitudes over their sum; `None` if all are zero.
 fn shares<const N: usize>(of: [f64; N]) -> Option<[f64; N]> {
     let sum: f64 = of.iter().sum();
     (sum > 0.0).then(|| of.map(|v| v / sum))
 }
 
-/// How far the ends of an edge are within a side of a triangle, seen along an axis [m2], positive inside; what is less than
-/// `doubt` may be rounding.
+/// Signed distances of the ends of an edge from a side of a triangle, seen along an axis [m2],
+/// positive inside; values below `doubt` can be rounding error.
 #[derive(Clone, Copy)]
 struct Within {
     p: f64,
@@ -61,7 +63,7 @@ impl Within {
     }
 }
 
-/// The sides opposite to each corner, along the axis that shows most of the triangle.
+/// The sides opposite each corner, along the axis with the largest projected area.
 fn sides(p: &Point3<f64>, q: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Option<[Within; 3]> {
     let axis = (0..3).max_by(|&i, &j| turn(i, a, b, c).abs().total_cmp(&turn(j, a, b, c).abs()))?;
     let sign = turn(axis, a, b, c).signum();
@@ -75,9 +77,10 @@ fn sides(p: &Point3<f64>, q: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Opti
     }))
 }
 
-/// Where along an edge it crosses: as its heights over the plane say, but within the sides. An edge that is nearly parallel to
-/// the plane has heights that are mostly rounding, one that is nearly parallel to a side is within it by rounding only, and
-/// such a side has no say. Without heights it is the middle of what is within.
+/// Position of the intersection along an edge: from its heights over the plane, limited by the
+/// sides. An edge nearly parallel to the plane has heights that are mostly rounding error. An edge
+/// nearly parallel to a side is within it by rounding only, so such a side is ignored. Without
+/// heights the result is the midpoint of the part within.
 fn place(sides: &[Within; 3], by_heights: Option<f64>) -> f64 {
     let (mut from, mut to) = (0.0_f64, 1.0_f64);
     for s in sides {
@@ -90,22 +93,23 @@ fn place(sides: &[Within; 3], by_heights: Option<f64>) -> f64 {
             }
         }
     }
-    // Where they share one point only, the two ends of what is shared may cross by rounding.
+    // If they share only one point, the two ends of the common part can be reversed by rounding.
     let middle = 0.5 * (from + to);
     by_heights.map_or(middle, |share| {
         share.max(from.min(middle)).min(to.max(middle))
     })
 }
 
-/// Which triangle tests each edge: the first that has it, so that an edge which several share is looked at once (errata B12).
+/// The triangle that tests each edge: the first one with the edge, so that a shared edge is tested
+/// once (errata B12).
 #[derive(Clone, Debug, Default)]
 pub struct EdgeOwners {
-    /// For each triangle, whether it owns the side from corner k to corner k + 1.
+    /// For each triangle, true if it owns the side from corner k to corner k + 1.
     owned: Vec<[bool; 3]>,
 }
 
 impl EdgeOwners {
-    /// Of triangles over `vertex_count` points.
+    /// Creates the table for triangles over `vertex_count` points.
     pub fn new(vertex_count: usize, triangles: &[[u32; 3]]) -> Self {
         let topology = Topology::of_triangles(vertex_count, triangles);
         let first = |e: u32| topology.triangles_of_edge(e as usize).first().copied();
@@ -120,60 +124,62 @@ impl EdgeOwners {
         }
     }
 
-    /// The sides that a triangle owns, by their first corner.
+    /// The sides of a triangle that it owns, by their first corner.
     pub fn of(&self, triangle: u32) -> impl Iterator<Item = usize> {
         let owned = self.owned[triangle as usize];
         (0..3).filter(move |&k| owned[k])
     }
 }
 
-/// A surface with what finds its crossings.
+/// A surface with the data to find its intersections.
 #[derive(Clone, Copy)]
 pub struct Sheet<'a> {
     /// Positions [m].
     pub x: &'a [Point3<f64>],
     /// Triangles.
     pub triangles: &'a [[u32; 3]],
-    /// Boxes that were refitted to these positions.
+    /// Hierarchy, refitted to these positions.
     pub hierarchy: &'a Hierarchy,
-    /// Which triangle tests each edge.
+    /// The triangle that tests each edge.
     pub owners: &'a EdgeOwners,
 }
 
-/// Which of two surfaces has the edge of a crossing.
+/// The surface with the edge of an intersection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Edge {
-    /// The first.
+    /// The first surface.
     OfFirst,
-    /// The second.
+    /// The second surface.
     OfSecond,
 }
 
 /// An edge of one surface that crosses a triangle of the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Found {
-    /// Which surface has the edge.
+    /// The surface with the edge.
     pub which: Edge,
     /// The ends of the edge.
     pub edge: [u32; 2],
-    /// The triangle that owns the edge, and which of its sides the edge is.
+    /// The triangle that owns the edge, and the index of its side.
     pub side: (u32, usize),
     /// The triangle of the other surface.
     pub triangle: u32,
-    /// Where they cross.
+    /// The intersection.
     pub at: Crossing,
 }
 
-/// Visits each edge of one surface with each triangle of the other that it crosses, both ways (errata B07): the edges of
-/// either surface alone miss a tip that pierces a large triangle.
+/// Visits each edge of one surface with each triangle of the other that it crosses, in both
+/// directions (errata B07): the edges of one surface alone miss a tip that pierces a large
+/// triangle.
 pub fn crossings(first: Sheet<'_>, second: Sheet<'_>, mut visit: impl FnMut(Found)) {
     first.hierarchy.pairs(second.hierarchy, |s, t| {
         crossings_of([s, t], first, second, &mut visit)
     });
 }
 
-/// As [`crossings`], of one triangle of each, such as those that [`super::Voxels::pairs`] names. Sides that a triangle does not
-/// own are left to its neighbours, which have the same point.
+/// The same as [`crossings`] for one triangle of each surface, such as those of
+/// [`super::Voxels::pairs`]. Sides that a triangle does not own are tested by its neighbours, which
+/// have the same points.
 pub fn crossings_of(
     [s, t]: [u32; 2],
     first: Sheet<'_>,

@@ -1,4 +1,4 @@
-//! Contacts: edges that cross triangles, and points inside.
+//! Contact detection: edges that cross triangles, and points inside.
 
 use std::sync::Arc;
 
@@ -9,25 +9,26 @@ use super::edges::{Edge, Found, crossings};
 use crate::contact::Obstacle;
 use crate::mesh::measures::max_or_nan;
 
-/// A point of one body that meets a point of another, or of an obstacle.
+/// A contact of a point of one body with a point of another, or of an obstacle.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Contact {
     /// The body with the edge or the vertex.
     pub first: usize,
-    /// Ends of the edge; a vertex twice.
+    /// Ends of the edge; a vertex has two equal ends.
     pub ends: [u32; 2],
     pub end_weights: [f64; 2],
-    /// The body with the triangle; `None` for an obstacle, which stays where it is.
+    /// The body with the triangle; `None` for a fixed obstacle.
     pub second: Option<usize>,
     pub corners: [u32; 3],
     pub corner_weights: [f64; 3],
     /// Unit vector from the first body to the second.
     pub normal: Vector3<f64>,
-    /// How far a vertex is inside [m]; 0 for a crossing.
+    /// Depth of a vertex inside [m]; 0 for a crossing.
     pub depth: f64,
 }
 
-/// All contacts, in an order that depends on the bodies and where they are alone; boxes are refitted.
+/// All contacts, in an order that depends on the bodies and their positions alone; refits the
+/// boxes.
 pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<Contact> {
     let mut near = Vec::new();
     for i in 0..bodies.len() {
@@ -68,8 +69,9 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
     contacts
 }
 
-/// The normal is that of the triangle or that of the edge, whichever is the shorter way out: an edge of a floor that passes
-/// through the side of what rests on it, by the depth of a contact, would else stop it from sliding.
+/// The normal is that of the triangle or of the edge, whichever gives the shorter exit. Otherwise a
+/// floor edge that passes through the side of a resting body, by the depth of a contact, would stop
+/// it from sliding.
 fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Option<Contact> {
     let (one, two) = (
         &bodies[first].system.position,
@@ -80,7 +82,7 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
     let corner = corners.map(|v| two[v as usize]);
     let outward = bodies[second].normal(found.triangle)?;
     let [above, below] = [p, q].map(|end| outward.dot(&(end - corner[0])));
-    // A sheet has no outside: the longer part of the edge is where it came from.
+    // A sheet has no outside: the edge comes from the side with its longer part.
     let turned = bodies[second].inside().is_none() && above + below < 0.0;
     let (mut normal, depth) = if turned {
         (outward, above.max(below))
@@ -110,8 +112,8 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
     })
 }
 
-/// Vertices of one body inside another. A flat side that goes through another has no edge that crosses anything but at its
-/// rim, and what is within would sink on.
+/// Vertices of one body inside another. A flat side inside another body has crossing edges only at
+/// its boundary, and its interior would sink deeper.
 fn vertices(bodies: &[Body], first: usize, second: usize, contacts: &mut Vec<Contact>) {
     let Some(surface) = bodies[second].inside() else {
         return;

@@ -1,15 +1,16 @@
-//! Boxes about the triangles of a surface that moves: a tree that is built once and follows.
+//! A bounding volume hierarchy over the triangles of a moving surface: built once, then refitted.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::measures::{Aabb, triangle_areas};
 use crate::mesh::topology::NONE;
 
-/// Each side of a split gets at least one of so many triangles: where areas differ by powers, the half of an area may be one
-/// triangle, and the tree would be as deep as it has triangles.
+/// Each side of a split gets at least one in this number of triangles. If areas differ by orders of
+/// magnitude, half of the area can be one triangle, and the tree would be as deep as it has
+/// triangles.
 const LEAST_SHARE: usize = 8;
 
-/// What a node of a [`Hierarchy`] holds.
+/// Content of a node of a [`Hierarchy`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// One triangle.
@@ -18,7 +19,7 @@ pub enum Kind {
     Inner([u32; 2]),
 }
 
-/// The first child of an inner node is the node after it.
+/// The first child of an inner node is the next node.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     bounds: Aabb,
@@ -28,19 +29,20 @@ struct Node {
     triangle: u32,
 }
 
-/// A bounding volume hierarchy with one triangle a leaf, so that `n` triangles have `2 n - 1` nodes.
+/// A bounding volume hierarchy with one triangle per leaf: `n` triangles have `2 n - 1` nodes.
 ///
-/// Built from above: triangles are sorted along the longest side of the box of their middles and split where both sides have
-/// the same area, but for an eighth of the triangles at least on each side. That is an area-median split, not the surface
-/// area heuristic (errata B08). Afterwards only boxes change ([`Self::refit`]); the tree depends on the surface it was built
-/// of alone.
+/// The construction is top-down. Triangles are sorted by their centroids along the longest side of
+/// the centroids' box, and split where both sides have equal area, but with at least an eighth of
+/// the triangles on each side. This is an area-median split, not the surface area heuristic (errata
+/// B08). Later only boxes change ([`Self::refit`]); the tree depends only on the surface of its
+/// construction.
 #[derive(Clone, Debug, Default)]
 pub struct Hierarchy {
     nodes: Vec<Node>,
 }
 
 impl Hierarchy {
-    /// The tree over triangles with valid indices, vertices [m].
+    /// Builds the tree over triangles with valid indices, vertices [m].
     pub fn new(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Self {
         let middle = |t: &[u32; 3]| {
             t.iter()
@@ -57,7 +59,8 @@ impl Hierarchy {
         this
     }
 
-    /// Follows the triangles it was built of to other positions [m]. A triangle that is nowhere meets nothing.
+    /// Updates the boxes to other positions of the same triangles [m]. A triangle without finite
+    /// positions intersects nothing.
     pub fn refit(&mut self, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) {
         self.refit_by(|t| {
             let [a, b, c] = triangles[t as usize].map(|v| vertices[v as usize]);
@@ -68,7 +71,8 @@ impl Hierarchy {
         });
     }
 
-    /// Takes any box for each triangle [m], such as that of the way it goes; children come before their parents.
+    /// Sets any box for each triangle [m], such as that of its path; children come before their
+    /// parents.
     pub fn refit_by(&mut self, mut bounds: impl FnMut(u32) -> Aabb) {
         for i in (0..self.nodes.len()).rev() {
             let Node {
@@ -76,7 +80,7 @@ impl Hierarchy {
             } = self.nodes[i];
             self.nodes[i].bounds = if second == NONE {
                 let bounds = bounds(triangle);
-                // One box that is no number would make those above it forget their other children.
+                // A NaN box would hide the other children from the boxes above.
                 if bounds.min <= bounds.max {
                     bounds
                 } else {
@@ -95,12 +99,12 @@ impl Hierarchy {
         self.nodes.len()
     }
 
-    /// Whether there is no triangle.
+    /// True for no triangles.
     pub fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
 
-    /// The box about all [m]; empty for none.
+    /// Bounds of all triangles [m]; empty for none.
     pub fn bounds(&self) -> Aabb {
         self.nodes.first().map_or(Aabb::EMPTY, |n| n.bounds)
     }
@@ -118,7 +122,7 @@ impl Hierarchy {
         )
     }
 
-    /// Number of nodes on each level, the root's first.
+    /// Number of nodes on each level, from the root.
     pub fn levels(&self) -> Vec<usize> {
         let mut level = vec![0usize; self.nodes.len()];
         let mut counts = Vec::new();
@@ -135,10 +139,11 @@ impl Hierarchy {
         counts
     }
 
-    /// Visits every pair of triangles, of this and of another surface, whose boxes share a point; each once, in an order that
-    /// depends on the two trees and their boxes alone.
+    /// Visits every pair of triangles of this and another surface whose boxes intersect, each once,
+    /// in an order that depends on the two trees and their boxes alone.
     ///
-    /// Boxes first; then a leaf against a node takes only the node apart (errata B08), and of two nodes the larger is.
+    /// Boxes are tested first. A leaf against an inner node descends only into the inner node
+    /// (errata B08); of two inner nodes the larger is opened.
     pub fn pairs(&self, other: &Self, mut visit: impl FnMut(u32, u32)) {
         if self.is_empty() || other.is_empty() {
             return;
@@ -161,7 +166,7 @@ impl Hierarchy {
         }
     }
 
-    /// Visits the triangles whose boxes share a point with a box [m].
+    /// Visits the triangles whose boxes intersect a box [m].
     pub fn meeting(&self, bounds: &Aabb, mut visit: impl FnMut(u32)) {
         let mut open = if self.is_empty() {
             Vec::new()
@@ -186,14 +191,14 @@ impl Hierarchy {
     }
 }
 
-/// Sum of the sides of a box [m]: which of two boxes is the larger.
+/// Sum of the sides of a box [m], the measure for the larger of two boxes.
 fn size(b: &Aabb) -> f64 {
     (b.max.x - b.min.x) + (b.max.y - b.min.y) + (b.max.z - b.min.z)
 }
 
 /// A tree under construction.
 struct Build {
-    /// Thrice the middle of each triangle [m].
+    /// Three times the centroid of each triangle [m].
     middles: Vec<Vector3<f64>>,
     areas: Vec<f64>,
     nodes: Vec<Node>,
@@ -208,7 +213,8 @@ impl Build {
         self.nodes
     }
 
-    /// Appends the nodes of some triangles, at least one. As deep as the tree, of which the shares are a bound.
+    /// Appends the nodes of at least one triangle. The recursion is as deep as the tree, whose
+    /// depth the least share bounds.
     fn part(&mut self, part: &mut [u32]) {
         let node = self.nodes.len();
         self.nodes.push(Node {
@@ -225,7 +231,7 @@ impl Build {
         }
     }
 
-    /// Sorts some triangles, at least two, along an axis; returns how many are on the first side.
+    /// Sorts at least two triangles along an axis. Returns the number on the first side.
     fn split(&self, part: &mut [u32]) -> usize {
         let middle = |t: u32| &self.middles[t as usize];
         let (mut low, mut high) = (*middle(part[0]), *middle(part[0]));
@@ -233,7 +239,7 @@ impl Build {
             (low, high) = (low.inf(middle(t)), high.sup(middle(t)));
         }
         let axis = (high - low).imax();
-        // The index breaks ties, so that the tree is determined.
+        // The index breaks ties, so that the tree is deterministic.
         part.sort_unstable_by(|&i, &j| middle(i)[axis].total_cmp(&middle(j)[axis]).then(i.cmp(&j)));
         let half = 0.5 * part.iter().map(|&t| self.areas[t as usize]).sum::<f64>();
         let (least, count) = (part.len().div_ceil(LEAST_SHARE), part.len());

@@ -1,31 +1,33 @@
-//! What two bodies do to each other in an instant: an impulse at a point of each, shared by the points around it.
+//! Collision response of two bodies: an impulse at a point of each, distributed to the points
+//! around it.
 
 use nalgebra::Vector3;
 
-/// How bodies answer contact; by default with neither bounce nor friction.
+/// Restitution and friction of contacts; both zero by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Response {
     restitution: f64,
     friction: f64,
 }
 
-/// Why a response is refused.
+/// Error of [`Response::new`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ResponseError {
-    /// Outside of 0 to 1: bodies would pass through each other, or gain energy.
+    /// Restitution outside 0 to 1: bodies would pass through each other or gain energy.
     #[error("the restitution is {0}; it has to be from 0 to 1")]
     Restitution(f64),
-    /// Negative or not finite.
+    /// Friction negative or not finite.
     #[error("the coefficient of friction is {0}; it has to be a number from 0 on")]
     Friction(f64),
 }
 
 impl Response {
-    /// `restitution` e, 0 to 1: the share of the speed of approach with which they part. `friction` mu, from 0 on: the
-    /// greatest impulse along the contact over that across it (Coulomb).
+    /// `restitution` e, 0 to 1, is the ratio of the separation speed to the approach speed.
+    /// `friction` mu, at least 0, is the greatest ratio of the tangential impulse to the normal one
+    /// (Coulomb).
     ///
     /// # Errors
-    /// Either out of its range.
+    /// A coefficient out of its range.
     pub fn new(restitution: f64, friction: f64) -> Result<Self, ResponseError> {
         if !(0.0..=1.0).contains(&restitution) {
             return Err(ResponseError::Restitution(restitution));
@@ -50,19 +52,19 @@ impl Response {
     }
 }
 
-/// The point of a body that touches, between `N` of its points.
+/// The contact point of a body between `N` of its points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part<const N: usize> {
-    /// Weights of its points; they sum to 1.
+    /// Weights of the points; their sum is 1.
     pub weights: [f64; N],
-    /// Inverse masses [1/kg]; 0 for a point that is held or driven.
+    /// Inverse masses [1/kg]; 0 for a fixed or driven point.
     pub inverse_mass: [f64; N],
     /// Velocities [m/s].
     pub velocity: [Vector3<f64>; N],
 }
 
 impl<const N: usize> Part<N> {
-    /// Velocity of the point that touches [m/s].
+    /// Velocity of the contact point [m/s].
     pub fn at(&self) -> Vector3<f64> {
         self.weights
             .iter()
@@ -71,7 +73,7 @@ impl<const N: usize> Part<N> {
             .sum()
     }
 
-    /// `sum a_i^2/m_i` [1/kg]: how far an impulse at the point moves it.
+    /// `sum a_i^2/m_i` [1/kg]: the mobility of the point under an impulse.
     pub fn mobility(&self) -> f64 {
         self.weights
             .iter()
@@ -89,13 +91,16 @@ impl<const N: usize> Part<N> {
     }
 }
 
-/// The impulse J on the second body [N s], that on the first is -J; `None` where they do not approach or neither can move.
+/// The impulse J on the second body [N s], with -J on the first; `None` if they do not approach or
+/// neither can move.
 ///
-/// `normal` is the unit vector n from the first body to the second, `u` the velocity of the second's point less that of the
-/// first's. Along n, only for `u.n < 0`: `j = -(1 + e) u.n/(sum a_i^2/m_i + sum b_k^2/m_k)` (errata B06, B12), after which
-/// `u.n' = -e u.n`. Across n the impulse stops sliding, or is `mu j` if that is less. Energy never rises, because the mobility
-/// of such a point is the same in every direction. Momentum is kept, and angular momentum where the two points are one, or
-/// without friction where they lie along n.
+/// `normal` is the unit vector n from the first body to the second, and `u` the velocity of the
+/// second point minus that of the first. Along n, only for `u.n < 0`:
+/// `j = -(1 + e) u.n/(sum a_i^2/m_i + sum b_k^2/m_k)` (errata B06, B12), after which
+/// `u.n' = -e u.n`. Across n the impulse stops sliding, limited to `mu j`. The energy never
+/// increases, because the mobility of such a point is equal in all directions. Momentum is
+/// conserved. Angular momentum is conserved if the two points coincide, or without friction if they
+/// lie along n.
 pub fn impulse<const A: usize, const B: usize>(
     normal: &Vector3<f64>,
     first: &Part<A>,
@@ -115,6 +120,7 @@ pub fn impulse<const A: usize, const B: usize>(
     if response.friction > 0.0 && speed > 0.0 {
         all -= sliding * ((speed / mobility).min(response.friction * along) / speed);
     }
-    // Masses so small or speeds so high that the impulse is no number would spoil every point.
+    // Extremely small masses or high speeds could make the impulse infinite or NaN and spoil every
+    // point.
     all.iter().all(|c| c.is_finite()).then_some(all)
 }

@@ -1,8 +1,8 @@
-//! Contact of spring systems that may touch: what meets is found by a hierarchy of boxes, by edges against triangles and
-//! by points inside, and answered by impulses.
+//! Contact of spring systems. Detection uses a hierarchy of boxes, edges against triangles, and
+//! points inside; the response is by impulses.
 //!
-//! A step of [`Bodies`] is forces, velocities, impulses, positions, in this order (errata B05). Each part also stands for
-//! itself: [`Hierarchy`], [`Voxels`], [`edges`], [`impulse`].
+//! A step of [`Bodies`] computes forces, velocities, impulses, positions, in this order (errata
+//! B05). Each part is also usable alone: [`Hierarchy`], [`Voxels`], [`edges`], [`impulse`].
 
 pub mod bodies;
 pub mod body;

@@ -1,4 +1,5 @@
-//! A surface sorted into equal cubes, against the hierarchy of another: for a fine surface that meets a coarse one.
+//! A surface in a grid of equal cubes, for tests against the hierarchy of another: a fine surface
+//! against a coarse one.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,44 +7,44 @@ use super::hierarchy::Hierarchy;
 use crate::contact::broad_phase::overlap::may_meet;
 use crate::mesh::measures::Aabb;
 
-/// Entries of all lists together at most.
+/// Greatest number of entries of all lists.
 const MOST: usize = 1 << 26;
-/// Roundings of a coordinate of a cube, relative to the largest coordinate; a generous count.
+/// Upper bound of the rounding error of a cube's coordinate, relative to the largest coordinate.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
-/// Why a surface is not sorted.
+/// Error of [`Voxels::new`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum VoxelError {
-    /// A side that is no length.
+    /// The side is not a positive length.
     #[error("a voxel has sides of {0} m; they have to be longer than nothing")]
     Side(f64),
-    /// The cubes are so small that the lists would not end.
+    /// The cubes are too small for the lists.
     #[error(
         "voxels of {side} m are too small for this surface: triangles would be in more than 2^26 of them"
     )]
     TooSmall {
-        /// The side [m].
+        /// Side of a cube [m].
         side: f64,
     },
 }
 
-/// The cubes that a surface meets, each with its triangles; those without any are not stored.
+/// The cubes that a surface intersects, each with its triangles; empty cubes are not stored.
 ///
-/// As an obstacle that is solid, cubes are [`crate::contact::broad_phase::BitGrid`].
+/// [`crate::contact::broad_phase::BitGrid`] uses cubes as a solid obstacle.
 #[derive(Clone, Debug, Default)]
 pub struct Voxels {
     origin: Point3<f64>,
     side: f64,
     slack: f64,
-    /// Places in the grid, ascending.
+    /// Indices of the cubes in the grid, ascending.
     cells: Vec<[u32; 3]>,
-    /// Where the list of each begins, and the end of the last.
+    /// Start of each list, and the end of the last one.
     start: Vec<u32>,
     listed: Vec<u32>,
 }
 
 impl Voxels {
-    /// Sorts triangles with valid indices and vertices [m] into cubes of `side` [m].
+    /// Sorts triangles with valid indices and vertices [m] into cubes of side `side` [m].
     ///
     /// # Errors
     /// A side that is not positive, or far too short for the surface.
@@ -71,7 +72,8 @@ impl Voxels {
         let count: f64 = boxes
             .map(|[low, high]| (0..3).map(|k| high[k] - low[k] + 1.0).product::<f64>())
             .sum();
-        // Also keeps places within 32 bits: a surface in one piece meets all cubes on its way; others are as rare as wrong.
+        // This also keeps indices within 32 bits: a connected surface intersects all cubes on its
+        // way.
         if !(count <= MOST as f64 && all.extents().max() / side < f64::from(u32::MAX)) {
             return Err(VoxelError::TooSmall { side });
         }
@@ -91,13 +93,13 @@ impl Voxels {
         Ok(this)
     }
 
-    /// Lowest and highest place of the box of a triangle, as numbers.
+    /// Lowest and highest cube of a triangle's box, as numbers.
     fn range(&self, t: &[Point3<f64>; 3]) -> [Vector3<f64>; 2] {
         let b = Aabb::of_points(t).inflate(self.slack);
         [b.min, b.max].map(|p| ((p - self.origin) / self.side).map(|c| c.floor().max(0.0)))
     }
 
-    /// Visits the cubes that a triangle may meet; one that it does meet is never left out.
+    /// Visits a superset of the cubes that a triangle intersects.
     fn each(&self, t: &[Point3<f64>; 3], mut visit: impl FnMut([u32; 3])) {
         let [low, high] = self.range(t).map(|v| v.map(|c| c as u32));
         for i in low.x..=high.x {
@@ -119,7 +121,7 @@ impl Voxels {
         )
     }
 
-    /// The box of a place [m].
+    /// The box of a cube [m].
     pub fn bounds(&self, cell: [u32; 3]) -> Aabb {
         let min = self.origin + Vector3::from(cell).map(f64::from) * self.side;
         Aabb {
@@ -128,18 +130,19 @@ impl Voxels {
         }
     }
 
-    /// The places of cubes with triangles, ascending.
+    /// The indices of cubes with triangles, ascending.
     pub fn cells(&self) -> &[[u32; 3]] {
         &self.cells
     }
 
-    /// The triangles that meet the cube of an index into [`Self::cells`], ascending.
+    /// The triangles of the cube with an index into [`Self::cells`], ascending.
     pub fn triangles(&self, cell: usize) -> &[u32] {
         &self.listed[self.start[cell] as usize..self.start[cell + 1] as usize]
     }
 
-    /// Which cubes, as indices into [`Self::cells`], another surface meets, and with which of its triangles: for each cube down
-    /// the hierarchy, which was refitted to `x` [m]. Ascending by cube; rounding may add a pair, never leave one out.
+    /// Pairs of cubes, as indices into [`Self::cells`], and triangles of another surface that
+    /// intersect them, by a descent of its hierarchy, refitted to `x` [m]. Ascending by cube;
+    /// rounding can add a pair but never removes one.
     pub fn met_by(
         &self,
         hierarchy: &Hierarchy,
@@ -159,8 +162,8 @@ impl Voxels {
         met
     }
 
-    /// All pairs of a triangle of this surface and one of another that meet the same cube; each once, ascending. Triangles that
-    /// share a point are among them.
+    /// All pairs of a triangle of this surface and one of another that intersect the same cube,
+    /// each once, ascending. They include all triangles with a common point.
     pub fn pairs(
         &self,
         hierarchy: &Hierarchy,

@@ -1,18 +1,19 @@
-//! The source's own way: a list of springs, and two passes (8.3 of its digest), in double precision.
+//! The source's own method: a list of springs and two passes (8.3 of its digest), in double
+//! precision.
 
 use nalgebra::Vector3;
 use pliant::simd::Number;
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{Lattice, Settings, Shape, Stiffness};
 
-/// One of a list.
+/// One spring of a list.
 pub struct Spring {
     pub ends: [usize; 2],
     pub rest: f64,
     pub stiffness: f64,
 }
 
-/// Springs between all pairs of neighbours, found by looking at all offsets of all points.
+/// Springs between all pairs of neighbours, found by a search of all offsets of all points.
 pub fn springs(shape: &Shape, settings: &Settings) -> Vec<Spring> {
     let [nx, ny, _] = shape.points;
     let number = |[i, j, k]: [usize; 3]| (k * ny + j) * nx + i;
@@ -59,7 +60,7 @@ pub struct Plain {
 }
 
 impl Plain {
-    /// As a lattice of the suite stands.
+    /// The state of a lattice of the suite.
     pub fn of<F: Number>(lattice: &Lattice<F>) -> Self {
         let shape = lattice.shape();
         let vectors = |of: &dyn Fn([usize; 3]) -> [f64; 3]| {
@@ -80,7 +81,7 @@ impl Plain {
         }
     }
 
-    /// (3.8) as printed, with the sign of l that it needs.
+    /// (3.8) as printed, with the required sign of l.
     pub fn step(&mut self) {
         let mut force = self.force.clone();
         for Spring {

@@ -51,7 +51,8 @@ fn each_direction_is_in_one_triangle_and_a_scan_finds_the_same() {
     assert_eq!(locator.locate(&Vector3::new(f64::NAN, 0.0, 1.0)), None);
 }
 
-/// M12: on an edge (2.3) holds in two triangles wherever rounding says so; by exact signs one is found, and the place is in it.
+/// M12: on an edge, (2.3) can hold in two triangles because of rounding. Exact signs give one
+/// triangle, and the point is in it.
 #[test]
 fn m12_a_place_on_an_edge_is_in_a_triangle() {
     let map = robust(&bent(2, 6.0, 2.0));
@@ -72,7 +73,7 @@ fn m12_a_place_on_an_edge_is_in_a_triangle() {
         }
         let found = locator.locate(&p).expect("a triangle");
         let [a, b, c] = map.triangles()[found.triangle as usize].map(|v| map.points()[v as usize]);
-        // As it is looked up: made a unit vector once more.
+        // The lookup also normalises the vector once more.
         let p = Point3::from(p.normalize());
         assert!(
             [turn(&a, &b, &p), turn(&b, &c, &p), turn(&c, &a, &p)]
@@ -114,7 +115,7 @@ fn m04_arcs_cross_on_one_side_of_the_sphere_only() {
     for _ in 0..20_000 {
         let [a, b, c, d] = std::array::from_fn(|_| Point3::from(draw.direction()));
         let meeting = a.coords.cross(&b.coords).cross(&c.coords.cross(&d.coords));
-        // Independent of signs of determinants: a place between the ends of both.
+        // A check without signs of determinants: a point between the ends of both arcs.
         let within = |r: &Vector3<f64>, s: &Point3<f64>, t: &Point3<f64>| {
             r.angle(&s.coords) + r.angle(&t.coords) - s.coords.angle(&t.coords) < 1e-9
         };
@@ -132,7 +133,7 @@ fn m04_arcs_cross_on_one_side_of_the_sphere_only() {
     );
 }
 
-/// Everything that an overlay must be; returns both sets of places.
+/// Asserts every property of an overlay. Returns both sets of places.
 fn assert_overlay(
     overlay: &Overlay,
     first: &TriangleMesh,
@@ -151,7 +152,7 @@ fn assert_overlay(
     assert_eq!(topology.euler_characteristic(), 2);
     assert_eq!(topology.components().count, 1);
     for (x, mesh) in places.iter().zip([first, second]) {
-        // The same surface, cut into more triangles: area and volume are those of the whole.
+        // The same surface, divided into more triangles: area and volume are unchanged.
         let (area, volume) = (
             measures::area(x, &overlay.triangles),
             measures::volume(x, &overlay.triangles),
@@ -263,7 +264,7 @@ fn blends_end_in_both_shapes() {
     let moved =
         hermite([&first.vertices, &second.vertices], &tangents, &tangents, h).expect("shapes");
     assert!(((moved[5] - first.vertices[5]) / h - tangents[5]).norm() < 1e-4);
-    // Control: halfway neither shape is met.
+    // Control: the shape halfway equals neither shape.
     assert!(
         off(&dual.at(0.5), &first.vertices) > 1e-3 * size
             && off(&dual.at(0.5), &second.vertices) > 1e-3 * size
@@ -273,7 +274,7 @@ fn blends_end_in_both_shapes() {
 #[test]
 fn the_laplacian_blend_keeps_the_volume_where_parts_turn() {
     let first = stretched(2, 6.0);
-    // The whole turned by 120 degrees: the linear blend collapses, this one turns.
+    // The whole body rotated by 120 degrees: the linear blend collapses, this blend rotates.
     let turn = UnitQuaternion::from_scaled_axis(
         Vector3::new(0.3, 0.5, 1.0).normalize() * (120f64).to_radians(),
     );
@@ -290,7 +291,7 @@ fn the_laplacian_blend_keeps_the_volume_where_parts_turn() {
         volume(&dual.at(0.5))
     );
     assert!(volume(&linear(&first.vertices, &turned, 0.5).expect("shapes")) < 0.5);
-    // Bent: parts turn against each other.
+    // Bent: parts rotate relative to each other.
     let second = bent(2, 6.0, 3.0);
     let mut dual =
         Laplacian::new(&first.vertices, &second.vertices, &first.triangles).expect("a blend");
@@ -356,7 +357,8 @@ fn a_map_turned_is_turned_back() {
     }
 }
 
-/// M10: the printed step moves a feature by d times what is left, and folds the map; the corrected one arrives without a fold.
+/// M10: the printed step moves a feature by d times the remaining distance and folds the map.
+/// The corrected step arrives without a fold.
 #[test]
 fn m10_features_arrive_without_folds() {
     let ball = shapes::icosphere(1.0, 3);

@@ -32,7 +32,7 @@ fn expected_draws_are_those_of_the_table() {
     ];
     for (good, row) in table {
         for (n, printed) in (1..).zip(row) {
-            // A number without a decimal is one to the nearest whole.
+            // A number without a decimal is rounded to an integer.
             let half = if printed.fract() == 0.0 { 0.5 } else { 0.05 };
             let exact = expected_draws(good, n);
             assert!(
@@ -43,7 +43,7 @@ fn expected_draws_are_those_of_the_table() {
     }
 }
 
-/// M9: the number of draws for a probability; M11: what the deviation is.
+/// M9: the number of draws for a probability; M11: the meaning of the deviation.
 #[test]
 fn m09_m11_draws_for_a_probability() {
     for (sure, exact) in [(0.90, 35.68), (0.95, 46.42), (0.99, 71.36)] {
@@ -82,7 +82,7 @@ fn a_fit_is_exact_where_there_is_an_exact_one() {
             let from: Vec<Point3<f64>> = (0..10).map(|_| Point3::from(draw.direction())).collect();
             let mut to: Vec<Point3<f64>> = from.iter().map(|p| known * p).collect();
             let mut weights = vec![1.0; 10];
-            // What has no weight has no say.
+            // A point without weight has no influence.
             (to[3], weights[3]) = (Point3::new(9.0, 9.0, 9.0), 0.0);
             let found = fit(&from, &to, &weights, kind).expect("a motion");
             let off = worst(from.iter().map(|p| (found * p - known * p).norm()));
@@ -99,7 +99,7 @@ fn body() -> TriangleMesh {
     body_over(shapes::icosphere(1.0, 4))
 }
 
-/// The same body, sampled where the vertices of a ball are.
+/// The same body, sampled at the directions of the vertices of a ball.
 fn body_over(ball: TriangleMesh) -> TriangleMesh {
     let mut mesh = ball;
     for v in &mut mesh.vertices {
@@ -217,7 +217,7 @@ fn every_way_through_the_six_stages_ends_at_the_known_motion() {
         );
         assert!(found.converged && error <= T20, "{name}: {error}");
     }
-    // Points against points creep.
+    // Point-to-point distances converge slowly.
     let points = Icp {
         measure: Measure::Points,
         rounds: 50,
@@ -234,7 +234,7 @@ fn every_way_through_the_six_stages_ends_at_the_known_motion() {
 #[test]
 fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
     let whole = body();
-    // Two parts that share a middle strip: what each has of the other is two fifths.
+    // Two parts that share a middle strip: their overlap is two fifths of each.
     let fixed = part(&whole, |p| p.x + 0.3 * p.y < 0.45);
     let other = part(&whole, |p| p.x + 0.3 * p.y > -0.35);
     let shared = other
@@ -257,7 +257,8 @@ fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
             vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(),
             ..other.clone()
         };
-        // A fifth of all vertices belongs to clutter: small triangles anywhere around.
+        // A fifth of all vertices belongs to clutter: small triangles at random places around
+        // the body.
         let (size, around) = (moving.length(), moving.bounding_box().center());
         for _ in 0..moving.vertices.len() / 12 {
             let at = around + draw.direction() * draw.between(0.0, 0.6) * size;
@@ -301,8 +302,9 @@ fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
     assert_eq!(recovered, 3);
 }
 
-/// As hard as it is said: other vertices and triangles on either side, finer or as fine, two fifths in common, and a fifth of the
-/// vertices thrown about, which spoils nearly every normal.
+/// The documented difficulty: other vertices and triangles on either side, of finer or equal
+/// resolution, an overlap of two fifths, and a fifth of the vertices displaced, which spoils nearly
+/// every normal.
 #[test]
 fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
     let fixed = part(&body(), |p| p.x + 0.3 * p.y < 0.45);
@@ -367,7 +369,7 @@ fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
             "level {level}, seed {seed}: {}",
             off(&found.motion)
         );
-        // Control: as it was placed nothing fits.
+        // Control: without registration the fit is bad.
         assert!(off(&Similarity3::identity()) > 0.1);
     }
 }
@@ -410,7 +412,7 @@ fn a_bent_body_is_bent_back() {
         from(&bent.points)
     );
     assert!(bent.converged && from(&start) > 5e-3 && from(&bent.points) < 0.1 * from(&start));
-    // Not only onto the surface: places come near to where they came from.
+    // The points reach their corresponding points, not only the surface.
     let off = |x: &[Point3<f64>]| {
         let squares = x
             .iter()
@@ -424,7 +426,7 @@ fn a_bent_body_is_bent_back() {
         off(&bent.points),
         off(&start)
     );
-    // A cluster alone is a rigid body: it cannot.
+    // A single cluster is a rigid body and cannot bend.
     let one = NonRigid {
         clusters: 1,
         ..NonRigid::default()
@@ -476,7 +478,7 @@ fn what_cannot_be_registered_is_refused() {
             round: 1
         })
     );
-    // A ball against a thin box: nothing lays a third of it there.
+    // A ball and a thin box: no registration brings a third of the ball onto the box.
     let thin = shapes::box_surface([1.0, 0.01, 0.01], 0.1);
     let thin = Surface::new(&thin).expect("a surface");
     let error = Ransac::default()

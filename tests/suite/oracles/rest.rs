@@ -1,4 +1,4 @@
-//! Bodies of edges and hinges that the crate's solvers of equilibrium bring to rest.
+//! Bodies of edges and hinges that the crate's equilibrium solvers bring to equilibrium.
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::Quadratic;
@@ -10,23 +10,25 @@ use pliant::solvers::quasi_static::QuasiStatic;
 
 use crate::tolerances::{T17, worst};
 
-/// Constraints with a stiffness each, and what acts on the points.
+/// Constraints with a stiffness each, and the forces on the points.
 #[derive(Clone)]
 pub struct Body {
     pub edges: (Vec<Distance>, Vec<f64>),
     pub hinges: (Vec<Bending>, Vec<f64>),
-    /// Points that stay where they are.
+    /// Fixed points.
     pub held: Vec<usize>,
-    /// Constant forces [N], one a point.
+    /// Constant forces [N], one per point.
     pub forces: Vec<Vector3<f64>>,
-    /// Force [N] that may be left on a point.
+    /// Greatest remaining force [N] on a point.
     pub left: f64,
-    /// A spring [N/m] from each point to where it is: it keeps a body that nothing holds from drifting.
+    /// A spring [N/m] from each point to its position. It prevents the drift of a body without
+    /// fixed points.
     pub anchor: f64,
 }
 
 impl Body {
-    /// Edges of which nothing is held or pulled, at rest when no more than T17 of `load` is left.
+    /// Edges without fixed points and forces. They are at equilibrium when at most T17 of
+    /// `load` remains.
     pub fn new(edges: (Vec<Distance>, Vec<f64>), count: usize, load: f64) -> Self {
         let forces = vec![Vector3::zeros(); count];
         Self {
@@ -67,9 +69,10 @@ impl Body {
             .collect()
     }
 
-    /// By Newton's method, until no more force is left than may be.
+    /// Equilibrium by Newton's method, to the greatest remaining force.
     pub fn rest(&self, x: &mut [Point3<f64>]) {
-        // An anchor moves along: what it still pulls falls by its share of the stiffness each time.
+        // The anchor moves with the point, so its remaining force falls by its share of the
+        // stiffness each time.
         for _ in 0..if self.anchor > 0.0 { 3 } else { 1 } {
             let settings = Settings {
                 tolerance: 0.0,
@@ -83,7 +86,7 @@ impl Body {
         }
     }
 
-    /// By the constant matrix, with a volume that is kept.
+    /// Equilibrium by the constant matrix, with a conserved volume.
     pub fn inflate(&self, x: &mut [Point3<f64>], volume: EnclosedVolume) -> Outcome {
         let settings = Settings {
             tolerance: 0.0,
@@ -101,8 +104,9 @@ impl Body {
         outcome
     }
 
-    /// The same as [`Self::rest`] where edges keep their lengths, by the method of multipliers: each is shortened
-    /// by what it is too long, until its tension is there at its own length. Returns the strain that is left.
+    /// [`Self::rest`] for edges that keep their lengths, by the method of multipliers. Each
+    /// edge is shortened by its excess length until it has its tension at its own length. Returns
+    /// the remaining strain.
     pub fn rest_without_stretch(&self, x: &mut [Point3<f64>]) -> f64 {
         let mut body = self.clone();
         body.rest(x);

@@ -1,11 +1,11 @@
-//! No text whatever makes the reader panic.
+//! No text makes the reader panic.
 
 use pliant::scene::builtin::BUILTIN;
 use proptest::prelude::*;
 
 use super::{SMALL, read, read_with};
 
-/// The parts that a mutated scene is put together from.
+/// The parts of a mutated scene.
 fn piece() -> impl Strategy<Value = String> {
     let tokens = [
         "[",
@@ -54,7 +54,8 @@ fn piece() -> impl Strategy<Value = String> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 
-    /// A built-in scene with pieces put in, taken out, and lines swapped is a scene or an error with its place.
+    /// A built-in scene with inserted pieces, removed pieces and swapped lines is a scene or an
+    /// error with its place.
     #[test]
     fn no_mutation_makes_the_reader_panic(
         scene in 0..BUILTIN.len(),
@@ -79,7 +80,7 @@ proptest! {
         }
     }
 
-    /// Nor does a text of any kind, nor an override.
+    /// No text of any kind and no override makes the reader panic.
     #[test]
     fn no_text_makes_the_reader_panic(pieces in prop::collection::vec(piece(), 0..40), value in any::<String>()) {
         let text = pieces.concat();

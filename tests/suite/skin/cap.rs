@@ -1,5 +1,5 @@
-//! A membrane clamped on a circle and inflated: as a soap film it is a cap of a sphere, of which the area gained is
-//! pi h^2; an elastic one never gains less.
+//! A membrane clamped on a circle and inflated. As a soap film it is a cap of a sphere with an
+//! area gain of pi h^2. An elastic membrane never gains less.
 
 use std::f64::consts::PI;
 
@@ -35,7 +35,7 @@ fn height(volume: f64) -> f64 {
     low
 }
 
-/// Vertices, triangles of the membrane, of both.
+/// Vertices, triangles of the membrane, triangles of membrane and base.
 type Closed = (Vec<Point3<f64>>, Vec<[u32; 3]>, Vec<[u32; 3]>);
 
 /// A flat membrane closed by a flat base.
@@ -62,7 +62,7 @@ fn flat() -> Closed {
     (vertices, membrane, dome.triangles)
 }
 
-/// Brings springs over the membrane to rest with a volume inside, from `x`.
+/// Equilibrium of springs over the membrane with a volume inside, starting from `x`.
 fn inflate(
     x: &mut [Point3<f64>],
     springs: &[Distance],
@@ -105,8 +105,9 @@ fn inflate(
     assert!(outcome.converged, "{outcome:?}");
 }
 
-/// Half the sum of the cotangents across each edge of the membrane: springs of rest length zero with these stiffnesses have
-/// the energy of a soap film of tension one, and its forces, where they are taken.
+/// Half the sum of the cotangents across each edge of the membrane. At the current positions,
+/// springs of rest length zero with these stiffnesses have the energy and the forces of a soap film
+/// of tension one.
 fn cotangents(
     x: &[Point3<f64>],
     mesh: &TriangleMesh,
@@ -161,7 +162,7 @@ fn an_inflated_film_gains_what_a_cap_gains() {
             (film / wanted - 1.0).abs() <= 0.01,
             "{volume}: {film} m2, a cap {wanted} m2"
         );
-        // The same membrane, elastic, at rest when flat.
+        // The same membrane with elastic springs, at rest when flat.
         let (springs, stiffness) = springs_of(&mesh, &topology, 400.0);
         let mut elastic = mesh.vertices.clone();
         inflate(&mut elastic, &springs, &stiffness, volume, &all);

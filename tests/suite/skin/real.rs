@@ -9,7 +9,7 @@ use pliant::skin::plan::{Inserted, Place, PreparedPatch};
 use pliant::skin::whole::Whole;
 use pliant::skin::{ImplantSpec, Shape, SkinError, insert};
 
-/// A mesh of the data set in metres; `None`, and a word about it, where there is none.
+/// A mesh of the data set in metres; `None`, with a printed message, where it is missing.
 fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
     let root = std::env::var_os("PLIANT_DATA").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
@@ -52,13 +52,14 @@ fn settled(
         "{}",
         done.areas.stretch_max
     );
-    // As documented.
+    // The documented values.
     assert!(
         done.progress.depth <= 1e-3 * order.implant.base,
         "{} m",
         done.progress.depth
     );
-    // As found without the solver, and seen if the implant is raised into the skin.
+    // The depth is found without the solver, and it is detected if the implant is raised into
+    // the skin.
     let sunk = |x: &[Point3<f64>]| super::sunk(&ready, &done, x);
     assert!(
         sunk(&done.x) <= 1e-3 * order.implant.base,
@@ -85,13 +86,14 @@ fn a_breast_takes_an_implant_of_fourteen_centimetres() {
     };
     let order = ImplantSpec::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
     let (ready, _) = settled(&body, &order, &[]);
-    // The body is closed, and with the refined patch in it still is.
+    // The body is closed, also with the refined patch.
     let whole = Topology::new(&Whole::of(&body, &[&ready]).mesh);
     assert!(whole.is_closed() && whole.is_oriented());
     assert!(!Topology::new(&ready.patch).is_closed());
 }
 
-/// Where skin folds, the rim of an implant bears its pressure on a line: springs alone let it sink in by five times what may be.
+/// Where skin folds, the boundary loop of an implant bears its pressure on a line. Springs
+/// alone let it penetrate by five times the tolerance.
 #[test]
 fn in_a_fold_nothing_sinks_into_anything() {
     let Some(body) = read("body/body_quads.obj", 0.1) else {
@@ -154,7 +156,7 @@ fn the_scalp_stays_outside_the_skull() {
         depth <= 1e-3 * order.implant.base,
         "{depth} m into the skull"
     );
-    // The check sees what is inside: everything, moved into the head by a centimetre.
+    // Control: everything, moved into the head by a centimetre, is inside.
     let down = ready.frame * nalgebra::Vector3::z() * 0.01;
     let sunk: Vec<Point3<f64>> = done.x.iter().map(|p| p - down).collect();
     assert!(depth_in(&ready, &bones, &sunk) > 1e-3);
@@ -166,7 +168,7 @@ fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
         return;
     };
     let bones = bones();
-    // A centimetre from the suture.
+    // A centimetre away from the suture.
     let mut order = ImplantSpec::round(Place::Vertex(60), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
@@ -184,7 +186,7 @@ fn a_face_takes_an_implant_where_it_is_flat_enough() {
         5e-6,
     );
     settled(&face, &cheek, &[]);
-    // Over the nose the skin turns away beside it; the error says what to change.
+    // Over the nose the skin curves away beside the implant; the error names the remedy.
     let nose = ImplantSpec::round(Place::Vertex(1007), 0.04, 5e-6);
     let error = insert(&face, &nose, &[], |_| true).expect_err("no place for it");
     assert!(matches!(error, SkinError::TooCurved { .. }), "{error}");

@@ -1,4 +1,4 @@
-//! Several implants under skin that they share.
+//! Several implants under a common skin.
 
 use nalgebra::Point3;
 use pliant::skin::plan::{Inserted, Place, PreparedPatch};
@@ -74,7 +74,7 @@ fn implants_that_share_skin_press_on_each_other() {
     };
     assert_eq!(members, &[0, 1]);
     let done = settled(ready);
-    // What is the same on both sides is found to be, but for a mesh that is no mirror image.
+    // Quantities equal on both sides are found equal, except for the asymmetry of the mesh.
     let [left, right] = &done.shells[..] else {
         panic!("two shells")
     };
@@ -88,12 +88,13 @@ fn implants_that_share_skin_press_on_each_other() {
         done.shell_at(shell).iter().map(|p| p.x).sum::<f64>() / done.shell_at(shell).len() as f64
     };
     let middles = [middle(left), middle(right)];
-    // Without friction nothing but the mesh tells them where to lie: to half an edge.
+    // Without friction only the mesh determines their positions: to half an edge.
     assert!(
         (middles[0] + middles[1]).abs() <= 0.5 * 2.5e-3 && middles[1] > 0.3 * BASE,
         "{middles:?}"
     );
-    // Skin between two implants is lifted by both: it has less to go round than two domes by themselves.
+    // Both implants lift the skin between them, so it stretches less than over two separate
+    // domes.
     let sum: f64 = alone.iter().map(|done| done.areas.gain()).sum();
     let gain = done.areas.gain();
     assert!(
@@ -101,7 +102,8 @@ fn implants_that_share_skin_press_on_each_other() {
         "{gain} m2, alone {sum}"
     );
     assert!(done.areas.volume_difference > 2.0 * volume);
-    // Neither has gone through the other: control, one that was moved into the other is deep in it.
+    // Neither implant penetrates the other. Control: an implant moved into the other is deep in
+    // it.
     let mut moved = done.x.clone();
     moved[left.vertices.clone()]
         .iter_mut()
@@ -118,7 +120,7 @@ fn an_implant_is_the_same_in_whatever_order_it_is_named() {
         let done = settled(&groups[0].0);
         (done.areas.gain(), pressures(&done))
     });
-    // The smaller implant is pressed harder or less, but it is the same one.
+    // The smaller implant has a different pressure, but it is the same implant.
     assert!((gains[0].0 / gains[1].0 - 1.0).abs() <= 2e-3, "{gains:?}");
     assert!(
         (gains[0].1[0] / gains[1].1[1] - 1.0).abs() <= 0.02,

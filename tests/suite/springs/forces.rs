@@ -1,4 +1,4 @@
-//! Every force against its own energy, and what must not change its bits.
+//! Every force compared with its own energy, and changes that must not change its bits.
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::spring::SpringLaw;
@@ -15,7 +15,7 @@ use pliant::springs::volume::{CentreSprings, TrueVolume, VolumeError};
 use pliant::springs::{Force, Neighbours, SpringSystem, SystemError};
 use pliant::testing::Draw;
 
-/// Difference of energies over a step: rounding of 1e-16/1e-5 and an error of the step of 1e-10.
+/// Difference of energies over a step: rounding error of 1e-16/1e-5 and step error of 1e-10.
 const DIFFERENCE: f64 = 2e-8;
 
 fn drawn(draw: &mut Draw, count: usize, scale: f64) -> Vec<Vector3<f64>> {
@@ -30,8 +30,8 @@ fn forces_of(force: &dyn Force, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
     f
 }
 
-/// Greatest difference between the force and the slope of the energy, and between K p and the slope of the force, over
-/// their own sizes.
+/// Greatest difference between the force and the slope of the energy, and between K p and the
+/// slope of the force, relative to their own sizes.
 fn slopes(force: &dyn Force, x: &[Point3<f64>], draw: &mut Draw) -> [f64; 2] {
     let h = 1e-5;
     let p = drawn(draw, x.len(), 1.0);
@@ -56,7 +56,7 @@ fn slopes(force: &dyn Force, x: &[Point3<f64>], draw: &mut Draw) -> [f64; 2] {
     [(slope - along).abs() / size, wrong / all]
 }
 
-/// One of each force on the vertices of a sphere that was crumpled.
+/// One force of each kind on the vertices of a crumpled sphere.
 fn kinds() -> (Vec<Point3<f64>>, Vec<Box<dyn Force>>) {
     let mesh = shapes::icosphere(1.0, 1);
     let topology = Topology::new(&mesh);
@@ -112,7 +112,7 @@ fn forces_are_slopes_of_energies_and_products_slopes_of_forces() {
             .collect();
         let [first, second] = slopes(&**force, &x, &mut draw);
         assert!(first <= DIFFERENCE, "{}: force {first:e}", force.name());
-        // The slope of a buckled strip is itself a difference, and kinks.
+        // The slope of a buckled strip is itself a difference, with kinks.
         let most = if force.name() == "buckling strips" {
             1e-4
         } else {
@@ -230,7 +230,7 @@ fn b03_springs_of_rest_length_zero_have_a_force_everywhere() {
         forces_of(&zero, &at(1e-3))[0],
         Vector3::new(0.005, 0.0, 0.0)
     );
-    // Of a spring with a rest length no direction is better than any other.
+    // A spring with a rest length has no preferred direction here.
     assert_eq!(forces_of(&two(1.0), &at(0.0)), [Vector3::zeros(); 2]);
     // The printed form, k (|x| - l) x/|x|.
     let printed = |x: f64| 5.0 * (x - 0.0) * x / x;
@@ -244,7 +244,8 @@ fn a_strip_buckles_at_the_load_of_its_arc() {
         bending: 0.5,
         compression: 1e4,
     };
-    // Just shortened it is a spring; buckled it pushes with little more than 12 B/l^2.
+    // A slightly shortened strip is a spring. A buckled strip pushes with slightly more than 12
+    // B/l^2.
     assert_eq!(strip.tension(2.0), 0.0);
     assert_eq!(strip.tension(2.5), 0.0);
     let load = 12.0 * 0.5 / 4.0;
@@ -256,13 +257,13 @@ fn a_strip_buckles_at_the_load_of_its_arc() {
     // For small angles tension = -12 B/l^2 (1 + O(y^2)), y^2 = 6 (1 - |x|/l).
     let share = -strip.tension(1.999) / load;
     assert!(share > 1.0 && share <= 1.003, "{share}");
-    // A half circle, from which everything is known: chord l sinc(pi/2), kappa = pi/l.
+    // A half circle has known values: chord l sinc(pi/2), kappa = pi/l.
     let half = 2.0 * 2.0 / std::f64::consts::PI;
     let kappa = std::f64::consts::PI / 2.0;
     let expected = 0.5 * kappa * kappa / (0.0 - 2.0 / std::f64::consts::PI);
     assert!((strip.tension(half) / expected - 1.0).abs() <= 1e-9);
     let arc = 0.5 * 0.5 * 2.0 * kappa * kappa;
-    // Up to buckling the stiff spring stores a little less than the arc would.
+    // Before buckling the stiff spring stores slightly less energy than the arc.
     assert!((strip.energy(half) / arc - 1.0).abs() <= 1e-3);
 }
 
@@ -357,7 +358,7 @@ fn the_true_volume_presses_the_same_on_every_mesh_and_takes_weights() {
         let all: f64 = forces_of(&volume, &blown).iter().map(|f| f.norm()).sum();
         sums.push(all / (-volume.pressure(&blown) * mesh.area() * 1.01 * 1.01));
     }
-    // Pressure times area, whatever the triangles.
+    // The sum is pressure times area, for all triangulations.
     assert!(sums.iter().all(|s| (s - 1.0).abs() <= 0.02), "{sums:?}");
     let mesh = shapes::icosphere(1.0, 1);
     let weight: Vec<f64> = mesh

@@ -1,4 +1,5 @@
-//! The geometric muscle in a session: animated as `pliant biceps` does, stretched by hand, its nodes moved.
+//! The geometric muscle in a session: animated as by `pliant biceps`, stretched by hand, with
+//! moved nodes.
 
 use std::sync::Arc;
 
@@ -116,7 +117,7 @@ fn a_moved_node_gets_the_radius_of_the_hand_and_a_volume_that_is_kept() {
         let node = 6;
         let handle = &before.handles[node];
         assert_eq!(handle.name, "node 7");
-        // A move to where it is changes nothing.
+        // A move to the current place changes nothing.
         let same = done(
             &session,
             Command::Move {
@@ -133,7 +134,7 @@ fn a_moved_node_gets_the_radius_of_the_hand_and_a_volume_that_is_kept() {
             "{length}: moved by {} m",
             apart(&same, &before)
         );
-        // Out, along the axis as well, which counts for nothing, and to another side.
+        // A move outwards, to another side, and along the axis, which has no effect.
         let wanted = 0.031;
         let to = Point3::new(handle.at.x + 0.01, 0.6 * wanted, -0.8 * wanted);
         let moved = done(&session, Command::Move { handle: node, to });
@@ -143,7 +144,7 @@ fn a_moved_node_gets_the_radius_of_the_hand_and_a_volume_that_is_kept() {
         );
         assert_eq!(reading(&moved, "Length"), reading(&before, "Length"));
         assert!(reading(&moved, "Volume error").abs() <= T18);
-        // Circles of the mesh are as large as those of the chain; only its round ends are not.
+        // Circles of the mesh have the size of those of the chain, except at its round ends.
         let change = 1e-6 * (reading(&moved, "Volume") - reading(&before, "Volume"));
         let of_mesh = |shot: &Snapshot| {
             measures::volume(&shot.bodies[0].positions, &shot.stage.bodies[0].triangles)
@@ -200,7 +201,8 @@ fn every_control_at_both_ends_runs_or_says_why_not() {
         },
     );
     assert_eq!(refused, [""; 0]);
-    // By hand at its longest it cannot get a node that is too thin for that.
+    // At its greatest length, stretched by hand, it cannot get a node that is too thin for that
+    // length.
     let long = biceps(&["length=28.8 cm", "max_part=1.2", "grow_mults.2=3"]);
     let why = why_refused(&long, set("radii.2", "0.1 cm"));
     assert!(
@@ -317,7 +319,8 @@ fn other_nodes_between_are_another_stage_of_the_same_muscle() {
     assert!(!Arc::ptr_eq(&coarse.stage, &before.stage) && coarse.probe.is_none());
     assert!(coarse.bodies[0].positions.len() < before.bodies[0].positions.len());
     assert_eq!(coarse.handles.len(), before.handles.len());
-    // Straight between its nodes, the same body at rest; not quite where growth bends it.
+    // Straight between its nodes, the body at rest is unchanged; it differs slightly where
+    // growth bends it.
     let (a, b) = (reading(&coarse, "Volume"), reading(&before, "Volume"));
     assert!((a / b - 1.0).abs() <= T18, "{a} and {b} cm3");
     let moved = done(&session, set("radii.3", "3 cm"));

@@ -12,7 +12,8 @@ fn now(shot: &Snapshot, like: &Control) -> Option<Control> {
         .cloned()
 }
 
-/// Moves each control that `is_meant` to both ends and back; `settled` looks at what came of it. Returns what was refused.
+/// Moves each control that `is_meant` selects to both ends and back; `settled` checks the
+/// result. Returns the rejected moves.
 pub fn at_both_ends(
     session: &Session,
     is_meant: impl Fn(&Control) -> bool,

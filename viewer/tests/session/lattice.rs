@@ -1,4 +1,5 @@
-//! A lattice in a session: as `pliant run` computes it, dragged by hand, with other springs on the way.
+//! A lattice in a session: as computed by `pliant run`, dragged by hand, with other springs
+//! during the run.
 
 use nalgebra::{Point3, Vector3};
 use pliant::scene::builtin::load_content;
@@ -11,7 +12,7 @@ use super::{assert_refused, bits, done, set, shown, told};
 use pliant::testing::tolerances::{T9, worst};
 
 const SMALL: &str = "lattice.points=[5,5,6]";
-/// Nothing moves it but a hand.
+/// Only the hand moves the lattice.
 const STILL: &str = "lattice.drag=['0 mm','0 mm','0 mm']";
 
 fn lattice(overrides: &[&str]) -> Session {
@@ -102,7 +103,7 @@ fn a_dragged_point_comes_and_goes_back_when_let_go() {
                 },
             );
             assert_eq!(shot.bodies[0].dragged, Some((vertex as u32, to)));
-            // Half of a spacing of 20 mm at most.
+            // At most half of a spacing of 20 mm.
             assert!((away(&done(&session, Command::Step)) - 0.02).abs() <= T9);
         }
         (0..10).for_each(|_| drop(done(&session, Command::Step)));
@@ -145,7 +146,8 @@ fn a_fixed_point_stays_until_it_is_freed() {
         (done(&session, Command::Step).bodies[0].positions[vertex] - held).norm() > 1e-4,
         "freed, it moves"
     );
-    // A point of the highest layer that is fixed once the scene has let it go stays where it was let go.
+    // A point of the highest layer becomes fixed once the scene has released it. It stays at the
+    // place of its release.
     (0..10).for_each(|_| drop(done(&session, Command::Step)));
     let shot = session.latest();
     let top = (0..shot.bodies[0].positions.len())

@@ -1,6 +1,5 @@
-//! A session shows what its simulation computes, obeys, and ends when it is told to; no window is needed.
-// `!(error <= tolerance)` is also true for NaN: that is why controls are written so.
-#![allow(clippy::neg_cmp_op_on_partial_ord)]
+//! A session shows the results of its simulation, obeys commands, and ends on command. No
+//! window is needed.
 
 mod biceps;
 mod ends;
@@ -17,7 +16,7 @@ use nalgebra::{Point3, Vector3};
 use pliant::simulation::Simulation;
 use pliant_viewer::{Command, MOST_TURN, Pace, Recipe, Session, Snapshot, Speed, Steering};
 
-/// A guard against a hang, and nothing that is measured.
+/// A guard against a hang, not a measured limit.
 const LONG: Duration = Duration::from_secs(300);
 
 /// The hip, coarse.
@@ -46,7 +45,7 @@ fn told(session: &Session, command: Command) -> Arc<Snapshot> {
         .unwrap_or_else(|| panic!("no answer to {command:?}"))
 }
 
-/// As [`told`], and not refused.
+/// [`told`] for a command that must be accepted.
 fn done(session: &Session, command: Command) -> Arc<Snapshot> {
     let before = session.latest().refused.clone();
     let shot = told(session, command.clone());
@@ -133,7 +132,8 @@ fn pause_holds_and_a_step_is_one_frame() {
     session.wait(LONG, |shot| shot.frame >= 1).expect("frames");
     let paused = done(&session, Command::Pause);
     assert!(!paused.running);
-    // Long enough for dozens of frames of this scene: the control below shows that they come when they may.
+    // Long enough for dozens of frames of this scene. The control below shows that frames come
+    // when permitted.
     assert!(
         session
             .wait(Duration::from_millis(200), |shot| shot.frame > paused.frame)
@@ -241,7 +241,7 @@ fn a_reset_is_a_fresh_start_with_the_changes() {
     );
 }
 
-/// The vertex of the first muscle that is farthest from those that bones hold.
+/// The vertex of the first muscle that is farthest from those fixed to bones.
 fn free_vertex(session: &Session) -> usize {
     let shot = session.latest();
     let x = &shot.bodies[0].positions;
@@ -276,7 +276,8 @@ fn other_numbers_go_on_from_where_it_is() {
         computed(&straight),
         "softer, it moves otherwise"
     );
-    // The same number again: nothing but what is looked up afresh, so that it moves as before, to a part of a frame's way.
+    // The same number again changes nothing, except for a fresh lookup. The motion is unchanged
+    // to a part of the motion of a frame.
     let restored = Command::Restore {
         path: "muscle.gluteus.material.stretch".to_owned(),
     };
@@ -400,7 +401,8 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
     assert_eq!(shown(&done(&session, Command::Step)), computed(&straight));
 }
 
-/// A vertex is dragged for some frames and let go for as many: its distance from the place before, while, and after.
+/// A vertex is dragged for some frames and released for the same number. Returns its distance
+/// from the place before, during and after the drag.
 fn dragged(name: &str, overrides: &[&str], frames: usize, drags: bool) -> [f64; 3] {
     let session = session(name, overrides, Pace::paused());
     let free = free_vertex(&session);
@@ -554,7 +556,7 @@ fn a_bone_turns_by_hand_no_faster_than_it_may_and_goes_back_to_its_motion() {
 
 #[test]
 fn a_reader_does_not_wait_for_a_slow_frame_and_dropping_ends_the_thread() {
-    // A frame of seconds: what is read meanwhile is the start.
+    // A frame takes seconds, so the start is read meanwhile.
     let slow = session(
         "hip",
         &["muscle.0.edge_length=9 mm", "substeps=20000"],
@@ -568,7 +570,7 @@ fn a_reader_does_not_wait_for_a_slow_frame_and_dropping_ends_the_thread() {
         latest.frame == 0 && serials.iter().all(|serial| *serial == serials[0]),
         "20,000 steps took no time"
     );
-    // The thread has it as long as it is there.
+    // The thread owns the scene while the thread exists.
     let scene = Arc::downgrade(latest.scene.as_ref().expect("a scene"));
     drop(latest);
     assert!(

@@ -1,4 +1,5 @@
-//! Each control of a panel, moved to both ends, makes a scene that runs, or is refused with a reason.
+//! Each control of a panel, moved to both ends, gives a scene that runs or a rejection with a
+//! reason.
 
 use pliant_viewer::panel::{Control, Kind, NoValue, Value, controls};
 use pliant_viewer::{Command, Pace, Session};
@@ -35,7 +36,7 @@ fn a_panel_has_what_its_scene_has_and_nothing_else() {
         plain(&names(&of(&volume, "volume", &[])).join(",")),
         plain(expected)
     );
-    // What is switched off keeps its switch and loses its numbers.
+    // A disabled effect keeps its switch and loses its numbers.
     done(&hip, set("effects.contact", "off"));
     let without = names(&of(&hip, "hip", &HIP));
     assert!(
@@ -68,7 +69,7 @@ fn a_panel_has_what_its_scene_has_and_nothing_else() {
     );
 }
 
-/// Moves every control to both ends and back. Returns what was refused.
+/// Moves every control to both ends and back. Returns the rejected moves.
 fn moved(name: &str, overrides: &[&str]) -> Vec<String> {
     let session = session(name, overrides, Pace::paused());
     let mut refused = Vec::new();
@@ -98,7 +99,7 @@ fn moved(name: &str, overrides: &[&str]) -> Vec<String> {
                     moved.share()
                 );
             }
-            // As many steps as the range allows would take a while.
+            // The greatest number of steps in the range would take too long.
             if !matches!(control.kind, Kind::Whole { .. }) {
                 let shot = done(&session, Command::Step);
                 assert!(shot.failed.is_none(), "{told_so}: {:?}", shot.failed);
@@ -127,7 +128,7 @@ fn every_control_at_both_ends_runs_or_says_why_not() {
             [""; 0]
         );
     }
-    // A tetrahedron of which nothing but its volume is kept has no equilibrium.
+    // A tetrahedron with only a conserved volume has no equilibrium.
     let refused = moved("volume", &[]);
     assert!(
         refused

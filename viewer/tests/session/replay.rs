@@ -1,4 +1,5 @@
-//! A finished run is played as it was computed, to the bits of its files; what is missing or damaged is told.
+//! A finished run is played as computed, to the bits of its files. Missing or damaged files are
+//! reported.
 
 use std::fs;
 use std::path::Path;
@@ -18,7 +19,8 @@ use pliant_viewer::{Command, Pace, Replay, ReplayError, Session, Snapshot, Tissu
 use super::{HIP, LONG, bits, done, simulation, told, why_refused};
 use pliant::testing::tolerances::T18;
 
-/// Where everything was in a frame: vertices of muscles and points of their fibres, poses of bones, readings.
+/// The state of a frame: vertices of muscles and points of their fibres, poses of bones,
+/// readings.
 struct Was {
     muscles: Vec<Vec<Point3<f64>>>,
     fibres: Vec<Vec<Point3<f64>>>,
@@ -76,7 +78,8 @@ fn refused(path: &Path) -> String {
     }
 }
 
-/// The greatest distance of a bone's vertices from where they were, over its size.
+/// The greatest distance of a bone's vertices from their computed positions, relative to its
+/// size.
 fn bone_off(simulation: &Simulation, was: &Was, shot: &Snapshot) -> f64 {
     let mut worst = 0.0;
     for (b, mesh) in simulation.bones.iter().enumerate() {
@@ -95,7 +98,7 @@ fn bone_off(simulation: &Simulation, was: &Was, shot: &Snapshot) -> f64 {
     worst
 }
 
-/// What differs between a frame that is played and how it was.
+/// Differences between a played frame and the computed frame.
 fn difference(simulation: &Simulation, was: &Was, shot: &Snapshot) -> Option<String> {
     let of = |name: &str| {
         shot.stage
@@ -156,7 +159,7 @@ fn every_frame_of_a_run_is_played_as_it_was() {
     );
     assert!(!stage.bodies[1].edges.is_empty());
     let seek = |frame: usize| done(&session, Command::Seek { frame });
-    // There, back, and across.
+    // Forwards, backwards, and in random order.
     for frame in (0..=8).chain((0..=8).rev()).chain([3, 7, 1, 8, 0]) {
         let shot = seek(frame);
         assert_eq!((shot.frame, shot.last_frame), (frame, 8));
@@ -182,7 +185,7 @@ fn every_frame_of_a_run_is_played_as_it_was() {
         );
         assert_eq!(shot.bodies[0].volume_error.abs(), volume);
     }
-    // Controls: another frame is seen to be another.
+    // Controls: another frame is recognised as different.
     let shot = seek(5);
     assert!(
         difference(&simulation, &all[6], &shot)
@@ -345,7 +348,7 @@ fn missing_and_damaged_frames_are_told_and_passed_over() {
         (6, super::shown(&before)),
         "what is seen stays"
     );
-    // Control: once it is whole again it is shown, and not told of any more.
+    // Control: the restored file is shown, and no longer reported.
     fs::write(file(5), &whole).expect("a file");
     let shot = done(&session, Command::Seek { frame: 5 });
     assert_eq!(
@@ -353,7 +356,7 @@ fn missing_and_damaged_frames_are_told_and_passed_over() {
         (5, None)
     );
     assert!(!shot.notes.join("\n").contains("frame 5"));
-    // Where the first is missing the next is the start; where all are, there is nothing.
+    // If the first file is missing, the next is the start. If all are missing, there is nothing.
     fs::remove_file(file(0)).expect("a frame");
     assert_eq!(opened(&out, Pace::paused()).latest().frame, 1);
     (0..=8).for_each(|frame| drop(fs::remove_file(file(frame))));
@@ -363,7 +366,7 @@ fn missing_and_damaged_frames_are_told_and_passed_over() {
             && error.contains("_0000.vtp"),
         "{error}"
     );
-    // What was read already is still there.
+    // Frames read before are still available.
     assert_eq!(done(&session, Command::Seek { frame: 6 }).frame, 6);
 }
 
@@ -420,7 +423,7 @@ fn what_is_no_run_is_refused_with_what_to_do() {
     let run = out.join("run");
     run_into(&run, "distance", &[], 2);
     let pvd = run.join("distance.pvd");
-    // A collection can be named itself.
+    // The path of a collection is accepted as well.
     assert_eq!(opened(&pvd, Pace::paused()).latest().last_frame, 2);
     let text = fs::read_to_string(&pvd).expect("a collection");
     fs::write(run.join("b.pvd"), &text).expect("a file");
@@ -436,7 +439,7 @@ fn what_is_no_run_is_refused_with_what_to_do() {
     assert!(refused(&run).contains("distance.pvd:"), "{}", refused(&run));
     fs::write(&pvd, "<VTKFile type='Collection'><Collection/></VTKFile>").expect("a file");
     assert!(refused(&run).contains("lists no frames"));
-    // Frames, and no list of them yet.
+    // Frames without a list of them.
     fs::remove_file(&pvd).expect("a file");
     let error = refused(&run);
     assert!(
@@ -459,7 +462,7 @@ fn run_staged(out: &Path, name: &str, overrides: &[&str]) {
     perform(&mut *run, folder, &wanted, &Silent).unwrap_or_else(|e| panic!("{e}"));
 }
 
-/// What a file has, as it is read alone.
+/// Points of a file, read separately.
 fn file_of(out: &Path, file: &str) -> Vec<Point3<f64>> {
     pliant::io::read(&out.join("frames").join(file))
         .unwrap_or_else(|e| panic!("{}", e.terse()))

@@ -1,4 +1,5 @@
-//! A change goes on with what was made of the meshes before: no bit differs from a simulation for which all is made anew.
+//! After a change, a simulation continues with the data prepared from the meshes before. No bit
+//! differs from a simulation for which all data are prepared again.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -12,10 +13,10 @@ use super::{HIP, computed, done, free_vertex, recipe, session, set, shown, told}
 
 const SOLVERS: [&str; 4] = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
 
-/// Frames before and after each change: one that looks up what is new, and one that lives on that.
+/// Frames before and after each change: one with a fresh lookup, and one that uses its result.
 const FRAMES: usize = 2;
 
-/// A session, and beside it simulations for which all is made anew at each change.
+/// A session, and simulations beside it for which all data are prepared again at each change.
 struct Pair {
     session: Session,
     recipe: Recipe,
@@ -23,7 +24,7 @@ struct Pair {
     scene: Scene,
     anew: Simulation,
     fixed: Vec<u32>,
-    /// What paths go back to, where that is not what they were at the start.
+    /// Values to which paths return, where they differ from those at the start.
     base: Vec<(String, &'static str)>,
 }
 
@@ -52,7 +53,8 @@ impl Pair {
         (0..FRAMES).for_each(|_| self.anew.step_frame());
     }
 
-    /// What goes on with `scene`, with nothing that was made before; `None` where it cannot be made.
+    /// A simulation that continues with `scene` without earlier data; `None` where it cannot be
+    /// created.
     fn going_on(&self, scene: &Scene) -> Option<Simulation> {
         let assets = self.assets.unprepared();
         let mut plan = Plan::new(scene, &assets);
@@ -73,7 +75,7 @@ impl Pair {
         );
     }
 
-    /// Makes a change; `None` if it is refused.
+    /// Makes a change; `None` if it is rejected.
     fn turn(&mut self, command: Command, recipe: Recipe, what: &str) -> Option<()> {
         let before = self.session.latest().refused.clone();
         let is_refused = told(&self.session, command).refused != before;
@@ -93,8 +95,8 @@ impl Pair {
         Some(())
     }
 
-    /// Sets a path to a value and goes on for some frames. Returns whether they differ from those without the change; `None` if
-    /// it is refused.
+    /// Sets a path to a value and continues for some frames. Returns whether they differ from
+    /// those without the change; `None` if the change is rejected.
     fn set(&mut self, path: &str, value: &str, what: &str) -> Option<bool> {
         let mut unchanged = self.going_on(&self.scene).expect("as it was");
         self.turn(set(path, value), self.recipe.with(path, value), what)?;
@@ -104,7 +106,8 @@ impl Pair {
         Some(computed(&unchanged) != computed(&self.anew))
     }
 
-    /// What it was at the start, and back to frame 0: a change may have torn the muscle.
+    /// Restores the value at the start and returns to frame 0, because a change may have torn
+    /// the muscle.
     fn restore(&mut self, path: &str, what: &str) {
         let (command, recipe) = match self.base.iter().find(|(known, _)| known == path) {
             Some((_, value)) => (set(path, value), self.recipe.with(path, value)),
@@ -136,12 +139,13 @@ impl Pair {
     }
 }
 
-/// Another value than the one that it has, as text; none for what is no value of the scene.
+/// A value different from the current one, as text; `None` where the control is no value of the
+/// scene.
 fn another(control: &Control) -> Option<String> {
     let value = match &control.kind {
         Kind::Switch => Value::On(control.value == Value::On(false)),
         Kind::Choice(names) => Value::Choice(names.len() - 1 - usize::from(control.share() == 1.0)),
-        // Not far, or muscles crumple and frames take seconds.
+        // A small change, because otherwise muscles crumple and frames take seconds.
         _ if control.share() > 0.5 => control.at(control.share() - 0.2),
         _ => control.at(control.share() + 0.2),
     };
@@ -151,7 +155,8 @@ fn another(control: &Control) -> Option<String> {
     }
 }
 
-/// Moves every control, with each of the `solvers` that the scene can have, and back; returns the names of those that mattered.
+/// Moves every control and back, with each of the `solvers` that the scene can have. Returns
+/// the names of the controls with an effect.
 fn moved(name: &str, overrides: &[&str], solvers: &[&str]) -> BTreeSet<String> {
     let mut matters = BTreeSet::new();
     let mut pair = Pair::new(name, overrides);
@@ -162,7 +167,7 @@ fn moved(name: &str, overrides: &[&str], solvers: &[&str]) -> BTreeSet<String> {
             continue;
         }
         if solver.contains('_') {
-            // Not to the end of each minimisation, which shows nothing more.
+            // Minimisations stop early, because their ends show nothing more.
             for (key, value) in [("iterations", "6"), ("substeps", "2")] {
                 let path = format!("solver.{solver}.{key}");
                 pair.set(&path, value, &path);
@@ -173,7 +178,7 @@ fn moved(name: &str, overrides: &[&str], solvers: &[&str]) -> BTreeSet<String> {
             let (Some(path), Some(value)) = (control.path(), another(&control)) else {
                 continue;
             };
-            // The solver is the loop's; a wish for an accuracy is granted by times, which differ.
+            // The loop sets the solver. An accuracy depends on measured times, which differ.
             if path == "solver" || path == "accuracy" {
                 continue;
             }
@@ -309,7 +314,7 @@ fn what_is_known_of_contact_goes_on() {
         fresh > 0 && fresh < vertices,
         "{fresh} of {vertices} vertices beside two bones were looked up"
     );
-    // A capsule or a bone that is another one is looked at afresh.
+    // A replaced capsule or bone is looked up again.
     let mut moved = pair.scene.clone();
     moved.bones[1]
         .motion

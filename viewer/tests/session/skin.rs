@@ -1,4 +1,5 @@
-//! Skin in a session: as `pliant run` computes it, its implants moved and changed, equilibria given up.
+//! Skin in a session: as computed by `pliant run`, with moved and changed implants and
+//! abandoned equilibria.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -16,7 +17,7 @@ use super::ends::at_both_ends;
 use super::{LONG, assert_refused, bits, done, session, set, shown, told};
 use pliant::testing::tolerances::{T6, T9, worst};
 
-/// Coarse, for what is compared is the session and not the skin.
+/// Coarse, because the test compares the session and not the skin.
 const FLAT: [&str; 2] = ["skin.0.edge_length=10 mm", "sheet.cells=24"];
 const SCALP: [&str; 1] = ["skin.0.edge_length=9 mm"];
 
@@ -52,7 +53,7 @@ fn frame(session: &Session, frame: usize) -> Arc<Snapshot> {
         .expect("a frame")
 }
 
-/// The first snapshot of skin that was made ready anew.
+/// The first snapshot of newly prepared skin.
 fn arrived(session: &Session, before: &Snapshot) -> Arc<Snapshot> {
     session
         .wait(LONG, |shot| !Arc::ptr_eq(&shot.stage, &before.stage))
@@ -60,7 +61,7 @@ fn arrived(session: &Session, before: &Snapshot) -> Arc<Snapshot> {
 }
 
 fn move_to(session: &Session, x: f64, y: f64) -> Arc<Snapshot> {
-    // From above, for the skin may be lifted.
+    // From above, because the skin may be lifted.
     told(
         session,
         Command::Move {
@@ -144,7 +145,8 @@ fn a_moved_implant_lies_where_a_fresh_start_puts_it() {
     let moved = done(&session, Command::Step);
     let at = "implant.at=['30 mm','20 mm','0 mm']";
     let fresh = straight("flat-implant", &[&FLAT[..], &[at]].concat(), 1);
-    // The place of the hand is rounded; equilibria are steady to a thousandth of their area.
+    // The position of the hand is rounded; equilibria are accurate to a thousandth of their
+    // area.
     let (found, wanted) = (
         reading(&moved, "Area gained") / 1e4,
         fresh.parts[0].frames[0].areas.gain(),
@@ -162,14 +164,15 @@ fn a_moved_implant_lies_where_a_fresh_start_puts_it() {
         },
     );
     assert_ne!(shown(&back), shown(&moved));
-    // Without being asked for.
+    // Without a command.
     let before = frame(&session, 1);
     assert_eq!(
         shown(&before),
         computed(&straight("flat-implant", &FLAT, 1))
     );
     let way = middle(&moved.bodies[1].positions) - middle(&before.bodies[1].positions);
-    // From 1.4 mm to 30 mm; the middle of its vertices follows the triangles over it, to a tenth of an edge.
+    // From 1.4 mm to 30 mm. The middle of its vertices follows the triangles above it, to a
+    // tenth of an edge.
     assert!(
         (way.xy() - nalgebra::Vector2::new(0.0286, 0.02)).norm() <= 1e-3,
         "{way}"
@@ -218,7 +221,7 @@ fn a_move_is_seen_at_once_and_a_newer_one_or_the_end_gives_it_up() {
     for (x, y) in [(0.02, 0.0), (0.0, 0.025)] {
         let before = session.latest();
         let shot = move_to(&session, x, y);
-        // The skin is at rest, the shell over its new place as large as it will be.
+        // The skin is at rest, and the shell over its new place has its final size.
         assert_eq!((shot.frame, reading(&shot, "Area gained")), (0, 0.0));
         let (handle, shell) = (shot.handles[0].at, &shot.bodies[1].positions);
         assert!(
@@ -233,7 +236,7 @@ fn a_move_is_seen_at_once_and_a_newer_one_or_the_end_gives_it_up() {
         let volume = measures::volume(shell, &shot.stage.bodies[1].triangles);
         assert!((volume / 100e-6 - 1.0).abs() < 0.01, "{volume}");
         assert!(worst(shot.bodies[0].positions.iter().map(|p| p.z.abs())) <= T9);
-        // No frame has ended since the skin was made ready for the move before.
+        // No frame has ended since the skin was prepared for the previous move.
         assert!(
             last_ready.is_none_or(|ms| ms == shot.frame_ms),
             "it was not given up"
@@ -269,7 +272,8 @@ fn every_control_at_both_ends_runs_or_says_why_not() {
                 assert!(shot.failed.is_none(), "{name}, {told}: {:?}", shot.failed);
             },
         );
-        // No volume, a base too small for its edges, one too large for the sheet; skin as thick as the ball.
+        // No volume, a base too small for its edges, a base too large for the sheet; skin as
+        // thick as the ball.
         let expected = match name {
             "sheet" => &[
                 "ball/radius at 0: ",
@@ -296,12 +300,12 @@ fn every_control_at_both_ends_runs_or_says_why_not() {
         else {
             continue;
         };
-        // An oval that is turned by a right angle is as long as it was wide.
+        // After a rotation by a right angle the length of an oval equals its former width.
         let extent = |shot: &Snapshot| {
             let x = shot.bodies[1].positions.iter().map(|p| p.x);
             x.clone().fold(f64::MIN, f64::max) - x.fold(f64::MAX, f64::min)
         };
-        // At the start, where the shell is what it is cut from.
+        // At the start, where the shell lies in the surface that it is cut from.
         done(&session, Command::Reset);
         let across = |degrees| {
             done(
@@ -370,7 +374,7 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
         assert_refused(&session, &command, says);
     }
     assert_eq!(shown(&session.latest()), shown(&before));
-    // That it does not go there shows when it is made ready.
+    // The preparation shows that the implant does not fit there.
     let number = session.send(Command::Move {
         handle: 0,
         to: Point3::new(0.09, 0.0, 0.0),

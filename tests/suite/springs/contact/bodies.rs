@@ -1,4 +1,5 @@
-//! Bodies together: what a step keeps, friction, voxels as obstacles, driven bodies, sheets.
+//! Several bodies: conserved quantities of a step, friction, voxels as obstacles, driven
+//! bodies, sheets.
 
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use pliant::springs::{SpringSystem, mass};
 
 use super::moved;
 
-/// A closed surface of springs, filled with what keeps its volume.
+/// A closed surface of springs, with an inner force that conserves its volume.
 pub fn filled(mesh: &TriangleMesh, density: f64, e2: f64, bulk: f64) -> SpringSystem {
     let masses = mass::by_area(mesh, density * mesh.volume()).expect("masses");
     let mut system = SpringSystem::new(mesh.vertices.clone(), masses).expect("a system");
@@ -74,7 +75,7 @@ fn centre(body: &Body) -> Point3<f64> {
     )
 }
 
-/// Two balls of 2 cm that meet off their middles.
+/// Two balls of 2 cm that collide off centre.
 pub fn two_balls(put_out: f64) -> Bodies {
     let ball = shapes::icosphere(0.01, 2);
     let offset = Vector3::new(0.0205, 0.005, 0.003);
@@ -106,7 +107,7 @@ fn balls_that_meet_keep_momentum_and_spin_and_gain_no_energy() {
         deepest = deepest.max(found.depth);
         most = most.max(energy(&both));
         assert!((momentum(&both) - p).norm() <= 1e-12 * size, "momentum");
-        // Points that touch are one, or lie along the impulse.
+        // Touching points coincide, or lie along the impulse.
         assert!(
             (spin(&both) - l).norm() <= 1e-12 * size * 0.02,
             "{:?}",
@@ -114,7 +115,7 @@ fn balls_that_meet_keep_momentum_and_spin_and_gain_no_energy() {
         );
     }
     assert!(met > 100, "{met} impulses");
-    // The integrator's own energy swings by about w dt; contact only takes.
+    // The integrator's own energy oscillates by about w dt; contact only dissipates energy.
     assert!(most <= e * 1.02, "{most} of {e}");
     let apart = both.bodies[1].system.velocity[0] - both.bodies[0].system.velocity[0];
     assert!(
@@ -129,7 +130,7 @@ fn balls_that_meet_keep_momentum_and_spin_and_gain_no_energy() {
     assert!(centre(&through.bodies[0]).x > centre(&through.bodies[1]).x);
 }
 
-/// A block of 2 cm on a rigid plate that is pulled down by gravity and slides.
+/// A block of 2 cm that slides on a rigid plate under gravity.
 fn sliding(mu: f64, speed: f64) -> Bodies {
     let block = moved(
         &shapes::box_surface([0.02; 3], 0.005),
@@ -181,17 +182,20 @@ fn a_block_slides_as_coulomb_says() {
         (mean(&all), steps as f64 * dt, lowest)
     };
     let (left, after, lowest) = run(mu);
-    // It falls 20 um first and bounces a little by its own springs; the floor's push is what gravity and its rise call for.
+    // The block falls 20 um first and bounces slightly on its own springs. The push of the floor
+    // follows from gravity and the upward velocity.
     let expected = speed - mu * (9.81 * after + left.z);
-    // A few contacts at the block's rim have the normal of its edge instead of the floor's.
+    // A few contacts at the edge of the block have the normal of that edge instead of the
+    // floor's.
     assert!(
         (left.x - expected).abs() <= 0.01 * (speed - expected),
         "{} for {expected}",
         left.x
     );
     assert!((-1e-5..=1e-4).contains(&lowest), "{lowest}");
-    // Without friction it keeps its speed but for what a bottom that is not quite flat does. Edges of the plate that pass
-    // through its sides would take a fifteenth of it if only normals of triangles counted.
+    // Without friction the block keeps its speed, except for the effect of a bottom that is not
+    // quite flat. Edges of the plate that pass through its sides would take a fifteenth of the
+    // speed if only normals of triangles counted.
     let free = run(0.0).0.x;
     assert!((free - speed).abs() <= 1e-4 * speed, "{free}");
 }
@@ -226,7 +230,7 @@ fn solid_voxels_hold_what_falls_on_them() {
         (lowest, inside)
     };
     let (lowest, inside) = fall(true);
-    // The top of the boxes is at most a box above the ground, of 0.06/21 m.
+    // The top of the boxes is at most one box, of 0.06/21 m, above the ground.
     assert!(
         inside > 0 && (0.0049..=0.005 + 0.003).contains(&lowest),
         "{lowest} after {inside}"
@@ -249,7 +253,7 @@ fn driven_bodies_go_their_way_and_keep_their_shape() {
     let now = one.bodies[0].drive().expect("driven");
     assert!((now.centre - drive.centre - drive.linear).norm() <= 1e-13);
     assert!((one.bodies[0].volume() - before).abs() <= 1e-12 * before);
-    // After a second: turned by 5 about (0, 0.6, 0.8).
+    // After a second: rotated by 5 about (0, 0.6, 0.8).
     let axis = nalgebra::Unit::new_normalize(drive.angular);
     let turn = nalgebra::Rotation3::from_axis_angle(&axis, 5.0);
     for (x, from) in one.bodies[0].system.position.iter().zip(&mesh.vertices) {
@@ -264,7 +268,7 @@ fn driven_bodies_go_their_way_and_keep_their_shape() {
 
 #[test]
 fn a_sheet_that_has_no_inside_is_carried_by_a_ball() {
-    // The source's 7.1, coarser: a ball pushes the middle of a sheet whose rim is held.
+    // The source's 7.1, coarser: a ball pushes the middle of a sheet with a fixed border.
     let n = 24;
     let mut sheet = TriangleMesh::default();
     for i in 0..=n {
@@ -295,7 +299,8 @@ fn a_sheet_that_has_no_inside_is_carried_by_a_ball() {
     system.damping = 1e-3;
     let area = sheet.area();
     let body = Body::soft(system, &sheet.triangles).expect("a sheet");
-    // It begins just below; a first edge that crosses has its longer part above.
+    // The ball begins slightly below the sheet. The first crossing edge has its longer part
+    // above the sheet.
     let ball = moved(
         &super::sphere(16, 15, 0.008),
         Vector3::new(3e-4, 2e-4, -0.0081),
