@@ -26,7 +26,6 @@ pub mod springs;
 pub mod solvers;
 pub mod morph;
 pub mod fibres;
-pub mod muscles;
 pub mod skin;
 pub mod scene;
 pub mod geometric;

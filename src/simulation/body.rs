@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use super::assets::Assets;
+use super::attachments::{self, Attached};
 use super::equilibrium::{Equilibrium, Parts};
 use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
@@ -19,7 +20,6 @@ use crate::fibres::anisotropy;
 use crate::fibres::binding::BoundLines;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
-use crate::muscles::attachments::{self, Attached};
 use crate::particles::{Numbering, Particles};
 use crate::scene::{Area, ContactEffect, Mass, Muscle, Scene, Solver};
 use crate::solvers::sparse::FactorError;

@@ -1,6 +1,7 @@
 //! The running simulation: what the plan names, frame after frame.
 
 pub mod assets;
+pub mod attachments;
 pub mod audit;
 pub mod body;
 pub mod checkpoint;
