@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::io::Write;
-use std::path::Path;
 
 use super::frame::{Frame, PictureError};
 use super::palette::{Colours, Palette};
@@ -182,17 +181,6 @@ pub fn write_film_as_apng(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pict
     }
     writer.finish()?;
     Ok(())
-}
-
-/// Writes the frames as a GIF; see [`to_gif`].
-///
-/// # Errors
-/// Those of [`to_gif`], or the file cannot be written.
-pub fn write_gif(path: &Path, frames: &[Frame], seconds: f64) -> Result<(), PictureError> {
-    std::fs::write(path, to_gif(frames, seconds)?).map_err(|source| PictureError::Write {
-        path: path.into(),
-        source,
-    })
 }
 
 /// Left, top, right and bottom of what changed, the latter two behind it; a pixel where nothing did.

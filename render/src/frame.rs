@@ -9,14 +9,6 @@ const PALE: f32 = 0.8;
 /// Why a picture could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
-    /// The file could not be written.
-    #[error("cannot write the picture {path}")]
-    Write {
-        /// The file.
-        path: std::path::PathBuf,
-        /// What the system says.
-        source: std::io::Error,
-    },
     /// The PNG encoder failed.
     #[error("cannot encode a PNG")]
     Png(#[from] png::EncodingError),
