@@ -18,7 +18,7 @@ use pliant::fibres::{harmonic, slices, springs};
 use pliant::geometric::{Caps, Chain, Shape};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
-use pliant::muscles::attachments::component;
+use pliant::simulation::attachments::component;
 
 /// Muscles, their origins and insertions: a file of patches, with `#` a part of it, or a bone and a distance [m].
 const MUSCLES: &[[&str; 3]] = &[

@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::io::Write;
-use std::path::Path;
 
 use super::frame::{Frame, PictureError};
 use super::palette::{Colours, Palette};

@@ -39,7 +39,7 @@ mod screen;
 mod text;
 mod ticks;
 
-pub use animation::{Film, to_apng, to_gif, write_film_as_apng, write_film_as_gif, write_gif};
+pub use animation::{Film, to_apng, to_gif, write_film_as_apng, write_film_as_gif};
 pub use camera::{Camera, Canvas, Lens, MAX_SIDE, View};
 pub use colour::{ColourMap, Rgb};
 pub use frame::{Frame, PictureError};

@@ -221,7 +221,7 @@ fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, Lo
                 wanted: component.unwrap_or(0),
             };
             let missing = || LoadError::new(scene, &format!("{key}.patch"), part, fault());
-            crate::muscles::attachments::component(&whole, *component)
+            super::attachments::component(&whole, *component)
                 .ok_or_else(missing)
                 .map(Some)
         }

@@ -1,6 +1,7 @@
 //! The simulation of a scene, frame by frame, with the effects of its plan.
 
 pub mod assets;
+pub mod attachments;
 pub mod audit;
 pub mod body;
 pub mod checkpoint;

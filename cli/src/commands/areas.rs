@@ -6,9 +6,9 @@ use super::failure::Failure;
 use pliant::fibres::attachment::AreaSource;
 use pliant::io::{self, MeshFile};
 use pliant::mesh::TriangleMesh;
-use pliant::muscles::attachments::component;
 use pliant::scene::units::{Dimension, UnitError, parse};
 use pliant::simulation::LoadError;
+use pliant::simulation::attachments::component;
 
 /// An area as written.
 #[derive(Clone, Debug, PartialEq)]

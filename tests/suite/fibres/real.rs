@@ -6,7 +6,7 @@ use std::time::Instant;
 use pliant::fibres::attachment::{AreaSource, Attachment};
 use pliant::fibres::harmonic::{Options, decompose};
 use pliant::mesh::TriangleMesh;
-use pliant::muscles::attachments::component;
+use pliant::simulation::attachments::component;
 
 use crate::fibres::{assert_good, measured};
 

@@ -1,3 +1,0 @@
-//! Attachments of muscles.
-
-pub mod attachments;
