@@ -28,8 +28,6 @@ pub mod solvers;
 pub mod morph;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub mod fibres;
-#[cfg(feature = "contact")]
-pub mod muscles;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub mod skin;
 #[cfg(feature = "scene")]

@@ -184,17 +184,6 @@ pub fn write_film_as_apng(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pict
     Ok(())
 }
 
-/// Writes the frames as a GIF; see [`to_gif`].
-///
-/// # Errors
-/// Those of [`to_gif`], or the file cannot be written.
-pub fn write_gif(path: &Path, frames: &[Frame], seconds: f64) -> Result<(), PictureError> {
-    std::fs::write(path, to_gif(frames, seconds)?).map_err(|source| PictureError::Write {
-        path: path.into(),
-        source,
-    })
-}
-
 /// Left, top, right and bottom of the changed rectangle, the latter two exclusive; one pixel if
 /// nothing changed.
 fn rectangle([width, height]: [usize; 2], changed: impl Fn(usize) -> bool) -> [usize; 4] {

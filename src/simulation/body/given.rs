@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 
 use crate::contact::{Obstacle, PosedObstacle};
 use crate::mesh::TriangleMesh;
-use crate::muscles::attachments::{self, Attached};
 use crate::particles::Particles;
 use crate::scene::{Area, Scene};
 use crate::simulation::assets::Assets;
+use crate::simulation::attachments::{self, Attached};
 use crate::simulation::fault::{Fault, LoadError};
 use crate::simulation::ready::Rest;
 use crate::solvers::Held;
