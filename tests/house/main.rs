@@ -4,6 +4,7 @@ mod flags;
 mod order;
 mod packages;
 mod quiet;
+mod touched;
 
 use std::fs;
 use std::path::{Path, PathBuf};
