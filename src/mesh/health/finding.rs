@@ -86,9 +86,7 @@ impl Kind {
             Self::NoTriangles => Repair::ByHand("export the surface with its triangles"),
             Self::NonManifoldEdge => Repair::Automatic("takes the surfaces apart there"),
             Self::InconsistentOrientation => Repair::Automatic("turns the fewer triangles round"),
-            Self::OpenBoundary => Repair::Automatic(
-                "joins rims whose vertices coincide; closing holes closes the others",
-            ),
+            Self::OpenBoundary => Repair::CloseHoles,
             Self::InsideOut => Repair::Automatic("turns every closed piece outward"),
             Self::DuplicateTriangles => {
                 Repair::Automatic("keeps one of each, and none where two face each other")
@@ -117,6 +115,8 @@ impl Kind {
 pub enum Repair {
     /// [`repair`](crate::mesh::repair::repair) does this.
     Automatic(&'static str),
+    /// Repair joins rims whose vertices coincide; with the option to close holes it closes the others.
+    CloseHoles,
     /// Repair with the option to keep the largest piece.
     KeepLargest,
     /// A person has to do this.
@@ -127,6 +127,9 @@ impl fmt::Display for Repair {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Automatic(does) => write!(f, "repair {does}"),
+            Self::CloseHoles => f.write_str(
+                "repair joins rims whose vertices coincide; closing holes closes the others",
+            ),
             Self::KeepLargest => f.write_str("keeping the largest piece drops all others"),
             Self::ByHand(what) => f.write_str(what),
         }

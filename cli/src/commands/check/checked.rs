@@ -138,6 +138,10 @@ impl Told {
 fn in_options(repair: Repair) -> String {
     match repair {
         Repair::Automatic(does) => format!("--repair {does}"),
+        Repair::CloseHoles => {
+            "--repair joins rims whose vertices coincide; --close-holes closes the others"
+                .to_owned()
+        }
         Repair::KeepLargest => "--keep-largest drops all pieces but the largest".to_owned(),
         Repair::ByHand(what) => what.to_owned(),
     }
