@@ -3,7 +3,6 @@
 use super::{LeftOut, Plan, Planned};
 use crate::mesh::TriangleMesh;
 use crate::scene::content::{LatticeScene, SkinScene, Under};
-use crate::scene::effects::EFFECTS;
 use crate::simulation::skin::Part;
 use crate::springs::lattice::Shape;
 
@@ -14,9 +13,6 @@ const MS_OVER_BALL: f64 = 0.012;
 
 /// Time of a lattice point per step [ns].
 const NS_OF_LATTICE: f64 = 100.0;
-
-/// Effects whose part in a lattice its springs and their damping have.
-const OF_LATTICE: [&str; 3] = ["stretch", "anisotropy", "damping"];
 
 /// Size of a spring with its stiffness, and of a vertex with possible contact [bytes].
 const SPRING: usize = 32;
@@ -144,10 +140,8 @@ impl Plan {
         if !(scene.drag.norm() > 0.0) {
             leave("drag", "the scene has no `drag`, or one of length zero");
         }
-        for spec in &EFFECTS {
-            if !OF_LATTICE.contains(&spec.key) {
-                leave(spec.key, "a lattice has springs and damping alone");
-            }
+        for effect in ["bending", "volume", "contact", "gravity"] {
+            leave(effect, "a lattice has springs and damping alone");
         }
         plan
     }
