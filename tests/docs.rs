@@ -42,6 +42,7 @@ const NOT_KEPT: &[&str] = &[
     "pliant-out/hip/report.html",
     "pliant-out/hip/hip.pvd",
     "src/constraints/NAME.rs",
+    "src/io/NAME.rs",
     "../shared/data",
 ];
 

@@ -35,12 +35,24 @@ fn sources(folder: &str) -> Vec<PathBuf> {
 
 /// What ships of a source: without its test module, which stands last, and without comments.
 fn shipped(source: &str) -> String {
-    let end = source.find("#[cfg(test)]\nmod ").unwrap_or(source.len());
-    let lines = source[..end].lines();
+    let lines = source[..test_module(source)].lines();
     lines
         .filter(|line| !line.trim_start().starts_with("//"))
         .map(|line| format!("{line}\n"))
         .collect()
+}
+
+/// Where the test module of a source begins, or the length of the source.
+fn test_module(source: &str) -> usize {
+    let marks = source.match_indices("#[cfg(test)]\n");
+    let begins = |(at, mark): &(usize, &str)| {
+        let next = source[at + mark.len()..].lines().next();
+        next.is_some_and(|line| line.contains("mod ") && line.ends_with('{'))
+    };
+    marks
+        .map(|mark| (mark, begins(&mark)))
+        .find(|(_, begins)| *begins)
+        .map_or(source.len(), |((at, _), _)| at)
 }
 
 /// The sources of the library that ship, with their text; conformance checks and test modules are none.
@@ -61,4 +73,8 @@ fn comments_and_test_modules_do_not_ship() {
     let source =
         "use a;\n// eprintln!\n    /// println!\nfn f() {}\n#[cfg(test)]\nmod tests {\n    x\n}\n";
     assert_eq!(shipped(source), "use a;\nfn f() {}\n");
+    let shared = "fn f() {}\n#[cfg(test)]\npub(super) mod tests {\n    x\n}\n";
+    assert_eq!(shipped(shared), "fn f() {}\n");
+    let kept = "#[cfg(test)]\nmod tests;\nfn f() {}\n";
+    assert!(shipped(kept).contains("fn f"), "a declaration ends nothing");
 }

@@ -265,7 +265,7 @@ fn a_hinge_one_by_one_on_its_branch_leaves_the_bits_of_lanes() {
     let (lanes, then) = swept(&all, &body, SimdWidth::best());
     let (left, branches) = without_lanes::<true>(&all, &body);
     assert!(left == lanes && branches == then);
-    let (_, branches) = without_lanes::<false>(&all, &body);
+    let (left, branches) = without_lanes::<false>(&all, &body);
     assert!(branches != then, "control: without a branch none is stored");
     assert!(
         left != lanes,
