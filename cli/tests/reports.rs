@@ -16,10 +16,9 @@ use pliant_cli::report::work_precision;
 
 const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
 
-/// A few frames of the built-in hip, coarse.
+/// Three frames of a built-in scene.
 fn study() -> Study {
-    let coarse = ["muscle.0.edge_length=14 mm", "frames=6"].map(str::to_owned);
-    let scene = load("hip", &coarse).expect("a built-in scene");
+    let scene = load("shape", &["solver=xpbd".to_owned()]).expect("a built-in scene");
     let assets = Assets::load(&scene).expect("shapes made by code");
     let options = Options {
         budget: Duration::from_secs(20),

@@ -287,7 +287,7 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
             },
             "there is no bone 0",
         ),
-        (Command::Seek { frame: 3 }, "--replay"),
+        (Command::Seek { frame: 3 }, "only a finished run"),
         (Command::Probe(Some((2, 0))), "there is no body 2"),
     ] {
         assert_refused(&session, &command, says);

@@ -273,7 +273,7 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
             },
             "there is no bone 0",
         ),
-        (Command::Seek { frame: 1 }, "--replay"),
+        (Command::Seek { frame: 1 }, "only a finished run"),
     ] {
         assert_refused(&session, &command, says);
     }

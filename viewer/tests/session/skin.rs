@@ -368,7 +368,7 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
             },
             "does not turn",
         ),
-        (Command::Seek { frame: 1 }, "--replay"),
+        (Command::Seek { frame: 1 }, "only a finished run"),
         (Command::Probe(Some((2, 0))), "there is no body 2"),
     ] {
         assert_refused(&session, &command, says);
