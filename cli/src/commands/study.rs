@@ -48,10 +48,10 @@ pub(super) struct Arguments {
     output: Output,
     #[arg(long, value_name = "KEY=VALUE", help = "Change the scene of all runs; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
-    /// Run everything again, also what is finished
+    /// Run all combinations again, including complete ones
     #[arg(long)]
     fresh: bool,
-    /// Only list the runs and the time that they are expected to take
+    /// Only list the runs and the expected time
     #[arg(long)]
     dry_run: bool,
 }
