@@ -16,7 +16,8 @@ use std::ops::ControlFlow;
 /// assert!(Silent.report("refining", 3, 10).is_continue());
 /// ```
 pub trait Progress {
-    /// Reports that `done` of `of` parts of a `stage` are done; `of` is 0 where their number is unknown.
+    /// Reports that `done` of `of` parts of a `stage` are done; `of` is 0 if their number is
+    /// unknown.
     ///
     /// `Break` ends the computation at the next place where it can end.
     fn report(&self, stage: &str, done: usize, of: usize) -> ControlFlow<()>;

@@ -80,9 +80,10 @@ pub trait Project: State + Send + Sync {
 
 /// Constraints of one kind in the order in which they are swept.
 ///
-/// With compliance `alpha` [unit of C squared per J] a projection is the XPBD update \[macklin2016\]
-/// `dlambda = (-C - alpha/dt^2 lambda) / (sum w |g|^2 + alpha/dt^2)`, `dx_i = w_i dlambda g_i`; with zero compliance
-/// and a relaxation k in 0..1 it is the classic one \[mueller2007\] with stiffness k on the displacement (erratum A05).
+/// With compliance `alpha` [unit of C squared per J] a projection is the XPBD update
+/// \[macklin2016\] `dlambda = (-C - alpha/dt^2 lambda) / (sum w |g|^2 + alpha/dt^2)`, `dx_i = w_i
+/// dlambda g_i`. With zero compliance and a relaxation k in 0..1 it is the classic update
+/// \[mueller2007\] with stiffness k on the displacement (erratum A05).
 #[derive(Clone, Debug)]
 pub struct Batch<C, const K: usize> {
     constraints: Vec<C>,

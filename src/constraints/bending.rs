@@ -14,11 +14,12 @@ const FLAT: f64 = 1.0 / (1u64 << 40) as f64;
 
 /// Keeps the signed angle between two triangles at `rest` [rad].
 ///
-/// Points are p1, p2 (shared edge) and p3, p4 (wing tips), the triangles (p1, p2, p3) and (p2, p1, p4). With
-/// e = p2 - p1, N1 = e x (p3 - p1), N2 = (p4 - p1) x e: theta = atan2((N1 x N2).e/|e|, N1.N2), 0 where flat, positive
-/// for a ridge seen from the side of the normals. The gradient is the closed form g3 = -|e| N1/|N1|^2,
-/// g4 = -|e| N2/|N2|^2 \[bridson2003, tamstorf2013\], which has no singularity at 0 or pi. Undefined where a triangle
-/// has no area or the edge no length.
+/// Points are p1, p2 (shared edge) and p3, p4 (wing tips), the triangles (p1, p2, p3) and (p2, p1,
+/// p4). With e = p2 - p1, N1 = e x (p3 - p1), N2 = (p4 - p1) x e the angle is theta = atan2((N1 x
+/// N2).e/|e|, N1.N2). It is 0 where flat and positive for a ridge seen from the side of the
+/// normals. The gradient is the closed form g3 = -|e| N1/|N1|^2, g4 = -|e| N2/|N2|^2 \[bridson2003,
+/// tamstorf2013\]. It has no singularity at 0 or pi. It is undefined where a triangle has no area
+/// or the edge has no length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bending {
     /// p1, p2 (edge), p3, p4 (wing tips).

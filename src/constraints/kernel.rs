@@ -85,9 +85,11 @@ pub(crate) type SweepBlock<C, const K: usize> = fn(&mut Sweep<'_, C, K>, &[Span]
 /// semi-definite part.
 pub type Hessian<C, const K: usize> = fn(&C, &[Point3<f64>; K], f64, bool) -> Option<Blocks<K>>;
 
-/// The functions by which batches and energies evaluate constraints of one kind; [`Constraint::kernel`] chooses them.
+/// The functions with which batches and energies evaluate constraints of one kind.
+/// [`Constraint::kernel`] chooses them.
 ///
-/// The choice changes the speed and, for a periodic constraint, the branch of C. It changes no other bit of a result.
+/// The choice changes the speed and, for a periodic constraint, the branch of C. It changes no
+/// other bit of a result.
 #[derive(Clone, Copy)]
 pub struct Kernel<C, const K: usize> {
     pub(crate) sweep: SweepBlock<C, K>,

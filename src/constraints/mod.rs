@@ -53,8 +53,8 @@ use nalgebra::{Point3, Vector3};
 
 /// A scalar function C(x) of `K` points, zero where the constraint holds.
 ///
-/// The points, the value and the gradient are all that a new constraint has to write. [`Batch`] projects it and
-/// [`Quadratic`] takes its square as an energy:
+/// The points, the value and the gradient are all that a new constraint must define. [`Batch`]
+/// projects it and [`Quadratic`] uses its square as an energy:
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
@@ -112,7 +112,8 @@ pub trait Periodic<const K: usize>: Constraint<K> {
     fn set_branch(&mut self, value: f64);
 }
 
-/// Names the kinds of constraints, and calls a visitor on each: the one list that a new constraint must join.
+/// Names the kinds of constraints and calls a visitor for each kind. A new constraint needs an
+/// entry in this one list.
 macro_rules! constraints {
     ($($module:ident::$kind:ident<$points:literal>),* $(,)?) => {
         /// Names of all constraints with a fixed number of points.

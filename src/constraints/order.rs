@@ -51,7 +51,8 @@ pub struct Schedule {
     pub phases: Vec<Vec<Block>>,
 }
 
-/// Orders the constraints with the given `points` over `count` particles. `loaded` seeds [`Order::FromLoadedEnd`].
+/// Orders the constraints with the given `points` over `count` particles. [`Order::FromLoadedEnd`]
+/// starts at `loaded`.
 ///
 /// Neighbouring particles should have close indices, because blocks are ranges of indices.
 pub fn schedule<const K: usize>(
@@ -94,7 +95,8 @@ fn sequential(sequence: Vec<u32>, count: usize) -> Schedule {
     }
 }
 
-/// Number of constraints between each particle and the nearest of `from`; `u32::MAX` where there is no path.
+/// Number of constraints between each particle and the nearest one of `from`; `u32::MAX` without a
+/// path.
 fn levels<const K: usize>(points: &[[u32; K]], count: usize, from: &[u32]) -> Vec<u32> {
     let mut at: Vec<Vec<u32>> = vec![Vec::new(); count];
     for (c, p) in points.iter().enumerate() {

@@ -376,7 +376,8 @@ impl Solver {
         }
     }
 
-    /// The settings of a solver that minimises an energy; `None` for a solver that sweeps over constraints.
+    /// The settings of a solver that minimises an energy; `None` for a solver that sweeps over
+    /// constraints.
     #[must_use]
     pub fn minimisation(&self) -> Option<Minimisation> {
         match *self {

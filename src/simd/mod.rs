@@ -5,7 +5,8 @@
 //!
 //! * [`Lane`], for constraints: only the operations of IEEE 754, each rounded once, none fused. One
 //!   lane is plain `f64`.
-//! * [`FusedLane`], for lattices: multiply-add is fused at every width, and the reciprocal root is the module's own.
+//! * [`FusedLane`], for lattices: multiply-add is fused at every width, and the module computes
+//!   the reciprocal root itself.
 
 mod fused;
 #[cfg(target_arch = "x86_64")]

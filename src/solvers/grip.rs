@@ -97,7 +97,8 @@ mod tests {
     use super::*;
     use crate::constraints::Potential;
 
-    /// A particle of 2 kg on a spring of 8 N/m, 1 m from rest, after one step of half a second from rest, by `displacement`.
+    /// Position of a particle of 2 kg on a spring of 8 N/m, initially at rest 1 m from the spring's
+    /// end, after one step of half a second by `displacement`.
     fn after(sweeps: usize, wrong: f64) -> f64 {
         let mut grip = Grip::new(0, Point3::origin(), 8.0 * wrong);
         let mut particles = Particles::at_rest(vec![Point3::new(1.0, 0.0, 0.0)], vec![0.5]);

@@ -72,7 +72,8 @@ enum Command {
     /// Measure the cost of accuracy in a scene: errors and times of many solvers and settings
     /// against a reference
     Accuracy(accuracy::Arguments),
-    /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
+    /// Run all combinations of lists of values over a scene, and compare them in one table and on
+    /// one sheet of pictures
     Study(study::Arguments),
     /// Run a mass-spring system to rest: one from a file, or a lattice
     Springs(Box<springs::Arguments>),

@@ -52,7 +52,8 @@ pub(super) struct Arguments {
     a: PathBuf,
     /// The surface at t = 1
     b: PathBuf,
-    /// Length unit of both files, such as mm: results are in metres [default: results are in the unit of the files]
+    /// Length unit of both files, such as mm; results are then in metres [default: results in the
+    /// unit of the files]
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
     /// File of pairs of vertices that must coincide

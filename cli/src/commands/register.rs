@@ -41,7 +41,8 @@ pub(super) struct Arguments {
     a: PathBuf,
     /// The surface that does not move
     b: PathBuf,
-    /// Length unit of both files, such as mm: results are in metres [default: results are in the unit of the files]
+    /// Length unit of both files, such as mm; results are then in metres [default: results in the
+    /// unit of the files]
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
     /// Kind of motion: rigid, or with scaling

@@ -67,7 +67,8 @@ pub(super) struct Arguments {
     /// Also write NAME.gif, an animation of every fourth frame
     #[arg(long, value_name = "FORMAT")]
     animate: Option<Animation>,
-    /// Write checkpoint.pliant into the folder of the results every N frames, at the end and on Ctrl-C
+    /// Write checkpoint.pliant into the folder of the results every N frames, at the end and on
+    /// Ctrl-C
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     checkpoint_every: Option<u32>,
     /// Continue from the checkpoint in the folder of the results, with the results of an

@@ -19,7 +19,8 @@ use crate::study::{Combination, Combinations, Findings, Outcome, execute, findin
 use pliant::progress::Progress;
 use pliant::scene::StudyFile;
 
-/// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
+/// Run all combinations of lists of values over a scene, and compare them in one table and on one
+/// sheet of pictures
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
