@@ -1,4 +1,4 @@
-//! Takes the digest of the library's sources and of the lock file: `pliant::DIGEST`.
+//! Computes the digest of the library's sources and of the lock file: `pliant::DIGEST`.
 
 use std::error::Error;
 use std::fs;
@@ -13,7 +13,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     collect(root, "src", &mut files)?;
     println!("cargo:rerun-if-changed=src");
     println!("cargo:rerun-if-changed=build.rs");
-    // A published crate has no lock file beside it.
+    // A published crate has no lock file.
     let lock = root.join("Cargo.lock");
     if lock.is_file() {
         println!("cargo:rerun-if-changed=Cargo.lock");
@@ -29,7 +29,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// All files below a folder with their paths from the root, `/` between the parts on every system.
+/// All files below a folder with their paths relative to the root, separated by `/` on every
+/// system.
 fn collect(
     root: &Path,
     folder: &str,

@@ -1,8 +1,10 @@
-// Read by `include!`: by the build script, which cannot depend on the library, and by a test of the digest.
+// The build script and a test of the digest include this file by `include!`; the build script
+// cannot depend on the library.
 
-/// The FNV-1a hash of 128 bits of named contents: of each the name, the length, the bytes.
+/// The 128-bit FNV-1a hash of named contents: for each content the name, the length, the bytes.
 ///
-/// The order counts, so sort them. A changed byte, a moved byte and a renamed file change it.
+/// The hash depends on the order, so sort the contents. A changed byte, a moved byte and a renamed
+/// file change the hash.
 pub(crate) fn digest<'a>(files: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> u128 {
     // The prime is 2^88 + 0x13b.
     const PRIME: u128 = (1 << 88) + 0x13b;

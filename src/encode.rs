@@ -1,7 +1,8 @@
-//! An explicit encoding of what a result depends on: a line for each number, with its path and its exact bits.
+//! An explicit encoding of the inputs of a result: one line for each number, with its path and its
+//! exact bits.
 //!
-//! Fingerprints of checkpoints hash it and runs of a study are found again by it. Debug text would change with the
-//! formatting of a dependency; these lines change with the values alone.
+//! A checkpoint's fingerprint is a hash of these lines. A study recognises its runs by them. Debug
+//! text would change with the formatting of a dependency; these lines change with the values alone.
 //!
 //! ```
 //! use pliant::encode::{Encode, text_of};
@@ -18,19 +19,19 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use crate::state::Hash;
 
-/// Takes the lines of an encoding.
+/// Receives the lines of an encoding.
 pub struct Encoder<'a> {
     to: &'a mut dyn Write,
     path: String,
 }
 
-/// What can be encoded.
+/// A value that can be encoded.
 pub trait Encode {
-    /// Writes a line for each number, text or choice in it.
+    /// Writes one line for each number, text or choice.
     fn encode(&self, to: &mut Encoder<'_>);
 }
 
-/// The lines of a value under a name.
+/// The lines of a value with a name.
 #[must_use]
 pub fn text_of(name: &str, value: &(impl Encode + ?Sized)) -> String {
     let mut text = String::new();
@@ -47,7 +48,7 @@ pub fn hash_of(value: &(impl Encode + ?Sized)) -> u128 {
 }
 
 impl<'a> Encoder<'a> {
-    /// An encoder whose lines go into a text or a hash.
+    /// An encoder that writes its lines to a text or a hash.
     pub fn new(to: &'a mut dyn Write) -> Self {
         Self {
             to,
@@ -55,7 +56,7 @@ impl<'a> Encoder<'a> {
         }
     }
 
-    /// The value of a field.
+    /// Encodes the value of a field.
     pub fn field(&mut self, name: &str, value: &(impl Encode + ?Sized)) {
         let length = self.path.len();
         if length > 0 {
@@ -66,13 +67,13 @@ impl<'a> Encoder<'a> {
         self.path.truncate(length);
     }
 
-    /// Which of several alternatives a value is.
+    /// Encodes which of several alternatives a value is.
     pub fn choice(&mut self, name: &str) {
         self.leaf(format_args!("{name}"));
     }
 
     fn leaf(&mut self, value: std::fmt::Arguments<'_>) {
-        // Texts and hashes take every line.
+        // Writing to a text or a hash never fails.
         let _ = writeln!(self.to, "{} {value}", self.path);
     }
 }

@@ -1,7 +1,6 @@
 //! Numbers and counts as text.
 
-/// A number as text: four significant digits, no trailing zeros, an exponent where it is much
-/// shorter.
+/// A number as text: four significant digits, no trailing zeros, an exponent if it is much shorter.
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 {

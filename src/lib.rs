@@ -2,11 +2,11 @@
 //!
 //! # The crate
 //!
-//! The data flow one way: a [`scene`] is read and checked, a plan says which effects it calls for, a simulation
-//! runs only those, and writers turn frames and measures into files. A module imports only what stands above it
-//! in this list.
+//! Data flows in one direction. A [`scene`] is read and checked. A plan lists the effects that the
+//! scene needs. A simulation runs only those effects. Writers turn frames and measures into files.
+//! A module imports only modules that stand above it in this list.
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
-// A build with few features leaves parts without a caller.
+// A build with few features has functions without a caller.
 #![cfg_attr(not(feature = "scene"), allow(dead_code))]
 
 // In the order of permitted imports, not alphabetical: `reorder_modules` is off.
@@ -42,10 +42,12 @@ pub mod accuracy;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 
-/// The digest of the library's sources and of its lock file, taken when the library was built: 32 hexadecimal digits.
+/// The digest of the library's sources and of its lock file, computed when the library is built: 32
+/// hexadecimal digits.
 ///
-/// Results of libraries with the same digest agree bit for bit on the same kind of machine. A change of a command's text
-/// leaves the digest as it is; a change of the library or of a dependency changes it.
+/// Libraries with the same digest give the same bits on the same kind of machine. A change of a
+/// command's text does not change the digest. A change of the library or of a dependency changes
+/// it.
 ///
 /// ```
 /// assert_eq!(pliant::DIGEST.len(), 32);

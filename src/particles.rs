@@ -85,7 +85,8 @@ pub struct Slot(pub [f64; 4]);
 /// other.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Numbering {
-    /// Entry `k` is the particle at place `k`, and entry `p` the place of particle `p`; `None` where they agree.
+    /// Entry `k` of the first list is the particle at position `k`; entry `p` of the second list is
+    /// the position of particle `p`. `None` if they are equal.
     both: Option<Arc<(Vec<u32>, Vec<u32>)>>,
 }
 

@@ -1,8 +1,8 @@
-//! Progress of a long computation, and its cancellation.
+//! Progress and cancellation of a long computation.
 
 use std::ops::ControlFlow;
 
-/// Hears how far a long computation is, and may end it.
+/// Receives the progress of a long computation, and can end it.
 ///
 /// ```
 /// use pliant::progress::{Progress, Silent};
@@ -16,18 +16,19 @@ use std::ops::ControlFlow;
 /// assert!(Silent.report("refining", 3, 10).is_continue());
 /// ```
 pub trait Progress {
-    /// Reports that `done` of `of` parts of a `stage` are done; `of` is 0 where their number is unknown.
+    /// Reports that `done` of `of` parts of a `stage` are done; `of` is 0 if their number is
+    /// unknown.
     ///
     /// `Break` ends the computation at the next place where it can end.
     fn report(&self, stage: &str, done: usize, of: usize) -> ControlFlow<()>;
 
-    /// Reports that a stage begins whose length is unknown. The computation looks up later, with
-    /// [`Progress::is_stopped`].
+    /// Reports the beginning of a stage of unknown length. Such a stage checks later with
+    /// [`Progress::is_stopped`] whether to end.
     fn begin(&self, stage: &str) {
         let _ = self.report(stage, 0, 0);
     }
 
-    /// Whether the computation is to end; nothing new is done.
+    /// Whether the computation should end. Reports no further progress.
     fn is_stopped(&self) -> bool {
         self.report("", 0, 0).is_break()
     }
@@ -39,7 +40,7 @@ impl<F: Fn(&str, usize, usize) -> ControlFlow<()>> Progress for F {
     }
 }
 
-/// Shows nothing and ends nothing.
+/// Ignores reports and never ends a computation.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 

@@ -1,19 +1,20 @@
-//! Coming to rest: the one loop of solvers, spring systems, skin and fibres, and the one test for it.
+//! The one loop that brings a body to rest, and the one test for it. Solvers, spring systems, skin
+//! and fibres use them.
 
-/// How a body on its way to rest ended.
+/// How the loop ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// It is at rest.
+    /// The body is at rest.
     Rest,
-    /// It is not, after as many steps as were allowed.
+    /// The body is not at rest after the greatest number of steps.
     Steps,
-    /// The watcher stopped it.
+    /// The observer stopped the loop.
     Stopped,
-    /// No step brings it nearer to rest.
+    /// No step brings the body nearer to rest.
     Stuck,
 }
 
-/// A body on its way to rest.
+/// A body that approaches rest step by step.
 ///
 /// ```
 /// use pliant::rest::{End, Relax, all_within, relax};
@@ -48,7 +49,7 @@ pub trait Relax {
     /// Failure of a step.
     type Error;
 
-    /// Measures the present state; whether it counts as at rest, see [`all_within`].
+    /// Measures the present state and returns whether it counts as rest; see [`all_within`].
     ///
     /// # Errors
     /// The state cannot be measured.
@@ -57,14 +58,15 @@ pub trait Relax {
     /// Steps so far.
     fn steps(&self) -> usize;
 
-    /// Goes one step; false where no step brings it nearer to rest.
+    /// Makes one step. Returns false if no step brings the body nearer to rest.
     ///
     /// # Errors
     /// The step failed.
     fn advance(&mut self) -> Result<bool, Self::Error>;
 }
 
-/// Steps until `body` is at rest, at most `limit`; `watch` sees each state, the first as well, and says whether to go on.
+/// Makes steps until `body` is at rest, at most `limit`. `watch` sees each state, including the
+/// first, and returns whether to continue.
 ///
 /// # Errors
 /// A step failed.
@@ -91,7 +93,7 @@ pub fn relax<R: Relax>(
     }
 }
 
-/// Whether each measure is within its limit; a measure that is not a number never is.
+/// Whether each measure is within its limit. A NaN is never within its limit.
 pub fn all_within<const N: usize>(measures: [(f64, f64); N]) -> bool {
     measures.iter().all(|(value, limit)| value <= limit)
 }
@@ -100,7 +102,7 @@ pub fn all_within<const N: usize>(measures: [(f64, f64); N]) -> bool {
 mod tests {
     use super::*;
 
-    /// A number that each step halves, down to a least one.
+    /// A number that each step halves, down to a least value.
     struct Halved {
         value: f64,
         least: f64,

@@ -1,4 +1,5 @@
-//! The digest of the library: it depends on every source file and on the lock file, and on nothing else.
+//! The digest of the library depends on every source file and on the lock file, and on nothing
+//! else.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// What the build script reads: the library's sources, the lock file, the version.
+/// The input of the build script: the library's sources, the lock file, the version.
 fn sources() -> Vec<(String, Vec<u8>)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut paths = Vec::new();
@@ -69,7 +70,7 @@ fn every_file_counts_and_so_does_its_name() {
     let mut fewer = files.clone();
     fewer.pop();
     assert_ne!(of(&fewer), whole);
-    // A byte that moves from one file to the next leaves the bytes one after the other as they are.
+    // A byte that moves from one file to the next does not change the concatenated bytes.
     let mut moved = files;
     let byte = moved[1].1.pop().expect("no empty file");
     moved[2].1.insert(0, byte);

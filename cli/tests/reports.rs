@@ -18,7 +18,7 @@ const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
 
 /// Three frames of a built-in scene.
 fn study() -> Study {
-    let scene = load("shape", &["solver=xpbd".to_owned()]).expect("a built-in scene");
+    let scene = load("distance", &["solver=xpbd".to_owned()]).expect("a built-in scene");
     let assets = Assets::load(&scene).expect("shapes made by code");
     let options = Options {
         budget: Duration::from_secs(20),

@@ -17,7 +17,7 @@ pub struct Candidate {
     pub width: SimdWidth,
     /// Number of threads.
     pub threads: usize,
-    /// Method of contact search: the name of one of [`WAYS`]; `None` for the default hierarchy.
+    /// Method of contact search: the name of one of [`METHODS`]; `None` for the default hierarchy.
     pub way: Option<&'static str>,
 }
 
@@ -79,7 +79,7 @@ impl Candidate {
         }
     }
 
-    /// The method of contact search if it is not the default.
+    /// The method of contact search, if it is not the default.
     pub fn kind_of_way(&self) -> Option<&'static Method> {
         METHODS.iter().find(|kind| Some(kind.name) == self.way)
     }
@@ -99,7 +99,7 @@ impl Candidate {
     }
 }
 
-/// The same sweeps in the other orders; empty for a solver without sweeps.
+/// The same candidate with the other orders of a sweep; empty for a solver without sweeps.
 pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
     let mut others = Vec::new();
     for (_, order) in Order::NAMES {

@@ -18,7 +18,8 @@ use crate::scene::{Question, SolverSpec};
 /// them.
 const SWEEPS: &str = include_str!("sweeps.csv");
 
-/// Settings whose times and errors follow one law: those of one solver, equilibria with few iterations apart.
+/// Settings whose times and errors follow one law: those of one solver. Equilibria with limited
+/// iterations are a separate family.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Family {
     solver: &'static str,
@@ -26,8 +27,8 @@ struct Family {
 }
 
 impl Family {
-    /// The family of a solver's settings, and the setting that is varied in it; `None` for settings that no model
-    /// describes.
+    /// The family of a solver's settings, and the setting that varies in it; `None` for settings
+    /// that no model describes.
     fn of(
         spec: &SolverSpec,
         iterations: f64,

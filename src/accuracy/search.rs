@@ -103,7 +103,7 @@ fn next(
     if found.is_some() || best.is_finite() {
         return found;
     }
-    // None is within the target, and none is expected to be: the nearest one.
+    // No candidate is within the target, and none is expected to be: chooses the nearest one.
     let able = open.iter().filter(|(_, e, _)| e.time_s <= left_s);
     let least = able.min_by(|a, b| (a.2 + a.1.error_m).total_cmp(&(b.2 + b.1.error_m)))?;
     let reached = study.rows.iter().map(total).fold(f64::INFINITY, f64::min);

@@ -10,7 +10,7 @@ use super::{Constraint, Scalar, safe_norm};
 pub struct Anchor {
     /// The particle.
     pub points: [u32; 1],
-    /// The place [m].
+    /// Fixed position [m].
     pub target: Point3<f64>,
 }
 

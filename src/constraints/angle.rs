@@ -1,5 +1,5 @@
-//! The polar angle of a point of the plane in plain arithmetic: the same bits on every machine, and
-//! faster than a library.
+//! The polar angle of a point of the plane from elementary operations of `f64`. The result has the
+//! same bits on every machine. It is faster than the function of `libm`.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -32,15 +32,16 @@ pub fn atan2(y: f64, x: f64) -> f64 {
     if usual { angle } else { libm::atan2(y, x) }
 }
 
-/// Angles [rad] as of [`atan2`], and a mask of the lanes where they are valid: neither very large
-/// or small nor all zero.
+/// Angles [rad] as [`atan2`] gives them, and a mask of the lanes where they are valid. A lane is
+/// invalid if its coordinates are very large, very small or both zero.
 #[inline(always)]
 pub fn atan2_in_lanes<N: Lane>(machine: N::Machine, y: N, x: N) -> (N, N::Mask) {
     let of = |value| N::splat(machine, value);
     let (ax, ay) = (x.abs(), y.abs());
     let steep = ax.lt(ay);
     let (small, large) = (N::select(steep, ax, ay), N::select(steep, ay, ax));
-    // On an axis the polynomial has the argument zero and is exact: flat hinges are common.
+    // On an axis the argument of the polynomial is zero and the result is exact. Flat hinges are
+    // common.
     let (tiny, huge) = (of(1e-140), of(1e140));
     let usual = (tiny.lt(small) | (small.le(of(0.0)) & tiny.lt(large))) & large.lt(huge);
     let turned = (of(TAN_PI_8) * large).lt(small);
@@ -49,7 +50,7 @@ pub fn atan2_in_lanes<N: Lane>(machine: N::Machine, y: N, x: N) -> (N, N::Mask) 
     let base = N::select(turned, of(FRAC_PI_4), of(0.0));
     let z = top / bottom;
     let u = z * z;
-    // In pairs, so that multiplications are independent.
+    // The terms are added in pairs, so that the multiplications are independent.
     let (u2, pair) = (u * u, |k: usize| of(P[k]) + of(P[k + 1]) * u);
     let u4 = u2 * u2;
     let low = pair(0) + pair(2) * u2;
@@ -83,7 +84,8 @@ mod tests {
         for _ in 0..1_000_000 {
             let (x, y) = (draw.between(-1.0, 1.0), draw.between(-1.0, 1.0));
             let scale = libm::exp2(draw.between(-60.0, 60.0));
-            // All quadrants, then near an axis, then near a diagonal and the octant's border.
+            // All quadrants, then points near an axis, then points near a diagonal and near the
+            // octant's border.
             for (y, x) in [
                 (y, x),
                 (y * scale, x),
@@ -93,7 +95,7 @@ mod tests {
                 worst = worst.max(units_off(y, x));
             }
         }
-        // The library itself has an error of at most one unit.
+        // The result of `libm` itself has an error of at most one unit.
         assert!(worst <= 3.0, "{worst} units");
         assert!(worst > 0.0, "compared with itself");
     }

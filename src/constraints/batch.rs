@@ -14,16 +14,17 @@ use crate::mesh::measures::max_or_nan;
 use crate::particles::{Numbering, Packed, Particles};
 use crate::state::{DecodeError, Reader, State, Writer};
 
-/// Less work than this is done by one thread: below it the hand-over costs more than a second one gains. In constraints
-/// times squared points, which goes about with the time of a projection.
+/// Least work that a sweep shares among threads. Below this bound, starting a second thread takes
+/// longer than the time that it saves. The unit is constraints times squared points, about
+/// proportional to the time of a projection.
 const PARALLEL: usize = 262_144;
 
-/// How far constraints are from being satisfied, as distances in space.
+/// Distance of constraints from being satisfied, as a distance in space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Residual {
     /// Root of the mean square of |C + alpha lambda| / |grad C| [m].
     pub rms: f64,
-    /// Largest of them [m].
+    /// Greatest value of |C + alpha lambda| / |grad C| [m].
     pub max: f64,
     /// Number of constraints.
     pub count: usize,
@@ -32,51 +33,57 @@ pub struct Residual {
 /// Work and memory of a set of constraints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
-    /// Sweeps so far.
+    /// Number of sweeps so far.
     pub calls: u64,
-    /// Projections left out so far because the gradient was undefined.
+    /// Number of projections skipped so far because the gradient was undefined.
     pub skipped: u64,
     /// Heap memory held [bytes].
     pub bytes: usize,
 }
 
-/// A set of constraints that a solver can sweep over: one dynamic call a sweep. Its state goes into checkpoints.
+/// A set of constraints that a solver can sweep over, with one dynamic call per sweep. Checkpoints
+/// contain its state.
 pub trait Project: State + Send + Sync {
     /// The effect's name.
     fn name(&self) -> &'static str;
     /// Number of constraints.
     fn len(&self) -> usize;
-    /// Whether there is none.
+    /// Whether the set has no constraints.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
-    /// Forgets the multipliers: a new step begins.
+    /// Resets the multipliers at the beginning of a step.
     fn begin_step(&mut self);
     /// One sweep with time step `dt` [s].
     fn project(&mut self, particles: &mut Particles, dt: f64);
-    /// One sweep as of [`Self::project`] over a packed copy: a solver that sweeps several sets packs only once.
+    /// One sweep as [`Self::project`] does it, over a packed copy of the particles. A solver that
+    /// sweeps several sets packs only once.
     fn project_packed(&mut self, packed: &mut Packed, dt: f64);
-    /// Distance from satisfaction after the last sweep; zero for what has no constraint to satisfy.
+    /// Distance from satisfaction after the last sweep; zero for a set without constraints to
+    /// satisfy.
     fn residual(&self, _particles: &Particles, _dt: f64) -> Residual {
         Residual::default()
     }
-    /// The greatest distance [m] from satisfaction among those that act on a particle; `None` where none does.
+    /// Greatest distance [m] from satisfaction among the constraints of one particle; `None` if the
+    /// particle has none.
     fn residual_at(&self, _particles: &Particles, _dt: f64, _particle: u32) -> Option<f64> {
         None
     }
-    /// Work and memory; zero for what does not count them.
+    /// Work and memory; zero for a set that does not count them.
     fn usage(&self) -> Usage {
         Usage::default()
     }
-    /// Computes at most so many constraints at once, where the set can; no bit of a result depends on it.
+    /// Sets the greatest number of constraints computed at once, if the set supports it. The bits
+    /// of a result do not depend on it.
     fn set_width(&mut self, _width: SimdWidth) {}
 }
 
 /// Constraints of one kind in the order in which they are swept.
 ///
-/// With compliance `alpha` [unit of C squared per J] a projection is the XPBD update \[macklin2016\]
-/// `dlambda = (-C - alpha/dt^2 lambda) / (sum w |g|^2 + alpha/dt^2)`, `dx_i = w_i dlambda g_i`; with zero compliance
-/// and a relaxation k in 0..1 it is the classic one \[mueller2007\] with stiffness k on the displacement (erratum A05).
+/// With compliance `alpha` [unit of C squared per J] a projection is the XPBD update
+/// \[macklin2016\] `dlambda = (-C - alpha/dt^2 lambda) / (sum w |g|^2 + alpha/dt^2)`, `dx_i = w_i
+/// dlambda g_i`. With zero compliance and a relaxation k in 0..1 it is the classic update
+/// \[mueller2007\] with stiffness k on the displacement (erratum A05).
 #[derive(Clone, Debug)]
 pub struct Batch<C, const K: usize> {
     constraints: Vec<C>,
@@ -84,7 +91,7 @@ pub struct Batch<C, const K: usize> {
     relaxation: Vec<f64>,
     multipliers: Vec<f64>,
     schedule: Schedule,
-    /// Where each one's particles are in their block.
+    /// Positions of each constraint's particles in their block.
     places: Vec<[u32; K]>,
     spans: Vec<Span>,
     width: SimdWidth,
@@ -94,10 +101,10 @@ pub struct Batch<C, const K: usize> {
 }
 
 impl<C: Constraint<K>, const K: usize> Batch<C, K> {
-    /// Constraints with a compliance each, to be swept in `order` over `count` particles.
+    /// Constraints with one compliance each, to be swept in `order` over `count` particles.
     ///
     /// # Panics
-    /// If the number of compliances differs from that of constraints.
+    /// If the number of compliances differs from the number of constraints.
     pub fn new(
         constraints: Vec<C>,
         compliance: Vec<f64>,
@@ -114,11 +121,11 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         )
     }
 
-    /// As [`Self::new`], for particles that lie in memory in the order of `numbering`; [`Self::project_packed`] then
-    /// wants a copy in that order.
+    /// The same as [`Self::new`], for particles stored in the order of `numbering`.
+    /// [`Self::project_packed`] then needs a copy in that order.
     ///
     /// # Panics
-    /// As [`Self::new`].
+    /// The same as [`Self::new`].
     pub fn numbered(
         constraints: Vec<C>,
         compliance: Vec<f64>,
@@ -159,10 +166,10 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         }
     }
 
-    /// Classic stiffness: scales the displacement of each constraint by its factor in 0..1.
+    /// Classic stiffness: scales the displacement of each constraint by its factor, 0..1.
     ///
     /// # Panics
-    /// If the number of factors differs from that of constraints.
+    /// If the number of factors differs from the number of constraints.
     #[must_use]
     pub fn with_relaxation(mut self, factor: &[f64]) -> Self {
         assert_eq!(
@@ -194,8 +201,8 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         &self.schedule
     }
 
-    /// Computes as many constraints at once as `width` says, where the processor can, in place of as many as it can.
-    /// Changes no bit of any result.
+    /// Sets the SIMD width, where the processor has it, instead of the widest. Changes no bit of
+    /// any result.
     #[must_use]
     pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
@@ -222,7 +229,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             + self.packed.bytes()
     }
 
-    /// |C + alpha lambda| / |grad C| of the `j`th [m]; `None` where it cannot act.
+    /// |C + alpha lambda| / |grad C| of constraint `j` [m]; `None` where its gradient is undefined.
     fn distance(&self, j: usize, particles: &Particles, dt: f64) -> Option<f64> {
         let constraint = &self.constraints[j];
         let points = constraint.points();
@@ -275,7 +282,8 @@ struct Phase<'a, C, const K: usize> {
 }
 
 impl<C: Constraint<K>, const K: usize> Phase<'_, C, K> {
-    /// Sweeps `blocks` over what begins at the place and particle `origin`; returns how many projections were left out.
+    /// Sweeps `blocks`. The parts of `over` begin at constraint and particle `origin`. Returns the
+    /// number of skipped projections.
     fn run(self, blocks: &[Block], origin: (usize, usize), mut over: Sweep<C, K>) -> u64 {
         if let [block] = blocks {
             let [mut own, _] = over.split(block.places.len(), block.particles.end - origin.1);
@@ -299,7 +307,7 @@ impl<C: Constraint<K>, const K: usize> Phase<'_, C, K> {
     }
 }
 
-/// Each constraint's particles, counted from the first of its block.
+/// Particles of each constraint, counted from the first particle of its block.
 fn places<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<[u32; K]> {
     let blocks = schedule.phases.iter().flatten();
     let of = |block: &Block| {
@@ -311,9 +319,9 @@ fn places<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<[u32;
     blocks.flat_map(of).collect()
 }
 
-/// The colours of all blocks, and in which of them lanes may be filled side by side.
+/// The colours of all blocks, each with whether its constraints can fill the lanes of a register.
 fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> {
-    // A constraint that names a particle twice moves it twice.
+    // A constraint that contains a particle twice moves it twice.
     let repeats = |p: &[u32; K]| (1..K).any(|k| p[..k].contains(&p[k]));
     let mut spans = Vec::with_capacity(schedule.colours.len());
     for block in schedule.phases.iter().flatten() {
@@ -331,7 +339,7 @@ fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> 
     spans
 }
 
-/// Appends the branches of periodic constraints; nothing for others.
+/// Appends the branches of periodic constraints; appends nothing for other constraints.
 pub(crate) fn save_branches<C: Constraint<K>, const K: usize>(constraints: &[C], to: &mut Writer) {
     if let Some(branch) = C::kernel().branch {
         to.put(&constraints.len());
@@ -339,7 +347,7 @@ pub(crate) fn save_branches<C: Constraint<K>, const K: usize>(constraints: &[C],
     }
 }
 
-/// Takes the branches that [`save_branches`] appended.
+/// Restores the branches that [`save_branches`] appended.
 pub(crate) fn restore_branches<C: Constraint<K>, const K: usize>(
     constraints: &mut [C],
     from: &mut Reader<'_>,
@@ -370,7 +378,8 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
             skipped,
         } = self;
         save_branches(constraints, to);
-        // Forgotten when a step begins, but what a frame measures is measured after its last.
+        // A step resets the multipliers at its beginning, but the measures of a frame use those of
+        // its last step.
         to.list(multipliers);
         to.put(&(*calls, *skipped));
     }
@@ -398,7 +407,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn project(&mut self, particles: &mut Particles, dt: f64) {
         self.calls += 1;
-        // A step of no length moves nothing.
+        // A step of length zero moves nothing.
         if dt == 0.0 {
             return;
         }
@@ -421,7 +430,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         for distance in (0..self.constraints.len()).filter_map(|j| self.distance(j, particles, dt))
         {
             sum += distance * distance;
-            // Not `f64::max`, which would hide a NaN; nor may a later number replace one.
+            // `f64::max` would ignore a NaN, and no later number may replace a NaN.
             if !(distance <= max || max.is_nan()) {
                 max = distance;
             }

@@ -8,25 +8,27 @@ use super::angle::{atan2, atan2_in_lanes};
 use super::lanes::{cross, dot, neg, scale, sub};
 use super::{Constraint, Kernel, Lane, LaneConstraint, Periodic, Scalar, Several};
 
-/// A triangle with area below this share of its longest edge squared has no usable normal. The rule is relative, so
-/// it does not change with the unit of length.
+/// A triangle whose area is below this share of its longest edge squared has no usable normal. The
+/// rule is relative: it does not change with the unit of length.
 const FLAT: f64 = 1.0 / (1u64 << 40) as f64;
 
 /// Keeps the signed angle between two triangles at `rest` [rad].
 ///
-/// Points are p1, p2 (shared edge) and p3, p4 (wing tips), the triangles (p1, p2, p3) and (p2, p1, p4). With
-/// e = p2 - p1, N1 = e x (p3 - p1), N2 = (p4 - p1) x e: theta = atan2((N1 x N2).e/|e|, N1.N2), 0 where flat, positive
-/// for a ridge seen from the side of the normals. The gradient is the closed form g3 = -|e| N1/|N1|^2,
-/// g4 = -|e| N2/|N2|^2 \[bridson2003, tamstorf2013\], which has no singularity at 0 or pi. Undefined where a triangle
-/// has no area or the edge no length.
+/// Points are p1, p2 (shared edge) and p3, p4 (wing tips), the triangles (p1, p2, p3) and (p2, p1,
+/// p4). With e = p2 - p1, N1 = e x (p3 - p1), N2 = (p4 - p1) x e the angle is theta = atan2((N1 x
+/// N2).e/|e|, N1.N2). It is 0 where flat and positive for a ridge seen from the side of the
+/// normals. The gradient is the closed form g3 = -|e| N1/|N1|^2, g4 = -|e| N2/|N2|^2 \[bridson2003,
+/// tamstorf2013\]. It has no singularity at 0 or pi. It is undefined where a triangle has no area
+/// or the edge has no length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bending {
     /// p1, p2 (edge), p3, p4 (wing tips).
     pub points: [u32; 4],
     /// Rest angle [rad].
     pub rest: f64,
-    /// C when the hinge was last visited [rad]: of the angles that differ by whole turns the one next to it is meant,
-    /// so that a hinge that was folded through itself is led back the way it came.
+    /// C at the last visit of the hinge [rad]. Angles that differ by whole turns are equivalent;
+    /// the one nearest to this value counts. Therefore a hinge that was folded through itself
+    /// unfolds along the same path.
     pub last: f64,
 }
 
@@ -41,7 +43,8 @@ impl Bending {
     }
 }
 
-/// The number that differs from `angle` by whole turns and is nearest to `last`; in (-pi, pi] for `last` = 0.
+/// The number that differs from `angle` by whole turns and is nearest to `last`. It is in (-pi, pi]
+/// for `last` = 0.
 fn unwrap<S: Scalar>(angle: S, last: f64) -> S {
     let off = angle.real() - last;
     if off > -PI && off <= PI {
@@ -76,7 +79,7 @@ impl Constraint<4> for Bending {
         unwrap(dihedral(x) - S::of(self.rest), self.last)
     }
 
-    // By force: returned through memory its numbers cost more than they take to compute.
+    // Always inlined: returning these numbers through memory would take longer than computing them.
     #[inline(always)]
     fn value_and_gradient(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
         let points = [x[0], x[1], x[2], x[3]].map(|p| p.coords.into());
@@ -125,18 +128,18 @@ impl LaneConstraint<4> for Bending {
         let n2 = cross(b, e);
         let ee = dot(e, e);
         let (q1, q2) = (dot(n1, n1), dot(n2, n2));
-        // The square of the third edge is at most twice the sum of the other two: enough area for this bound is enough
-        // for that of `is_solid`.
+        // The square of the third edge is at most twice the sum of the other two. An area that is
+        // large enough for this bound is therefore large enough for `is_solid`.
         let (s1, s2) = (ee + dot(a, a), ee + dot(b, b));
         let flat = of(17.0 * FLAT * FLAT);
         let solid = of(0.0).lt(ee) & (flat * s1 * s1).lt(q1) & (flat * s2 * s2).lt(q2);
         let length = ee.sqrt();
-        // N1 x N2 = -(N1.b) e: the same angle as in `value` with one product less.
+        // N1 x N2 = -(N1.b) e: the same angle as in `value` with one product fewer.
         let (theta, angular) = atan2_in_lanes(machine, -dot(n1, b) * length, dot(n1, n2));
         let value = theta - N::each(machine, |l| these[l].rest);
         let off = value - N::each(machine, |l| these[l].last);
         let unwrapped = of(-PI).lt(off) & off.le(of(PI));
-        // One division for three.
+        // One division instead of three.
         let all = of(1.0) / (q1 * q2 * ee);
         let (one, per_ee) = (of(1.0), q1 * q2 * all);
         let le = length * ee;
@@ -155,7 +158,7 @@ impl LaneConstraint<4> for Bending {
     }
 }
 
-/// Whether both triangles have area enough for a normal.
+/// Whether both triangles have enough area for a normal.
 fn is_solid(x: &[Point3<f64>; 4]) -> bool {
     let (e, a, b) = (x[1] - x[0], x[2] - x[0], x[3] - x[0]);
     let ee = e.norm_squared();
@@ -167,8 +170,8 @@ fn is_solid(x: &[Point3<f64>; 4]) -> bool {
 }
 
 impl Bending {
-    /// C and its gradient of a hinge that is nearly degenerate, was turned by more than half a turn, or has odd
-    /// numbers; `None` where the gradient is undefined.
+    /// C and its gradient for a hinge that is nearly degenerate, has turned by more than half a
+    /// turn, or has extreme numbers; `None` where the gradient is undefined.
     #[cold]
     fn unusual(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
         if !is_solid(x) {

@@ -1,16 +1,16 @@
 //! Blocks: ranges of particles whose constraints are swept together, so that the particles stay in
-//! the nearest cache. The blocks of a phase are swept in parallel.
+//! the first-level cache. The blocks of a phase are swept in parallel.
 //!
-//! A sweep has up to three phases. In the first, all blocks are ranges of equal numbers of
-//! particles with the constraints inside them. In the second, the ranges are shifted by half a
-//! block, for constraints across a border. The third is one block with the constraints of greater
-//! reach. The blocks depend on the constraints alone, never on threads.
+//! A sweep has up to three phases. In the first phase, all blocks are ranges of equal numbers of
+//! particles with the constraints inside them. In the second phase, the ranges are shifted by half
+//! a block, for constraints across a border. The third phase is one block with the constraints of
+//! greater reach. The blocks depend on the constraints alone, never on the number of threads.
 
 use std::ops::Range;
 
 use super::order::{Schedule, colours};
 
-/// Least number of particles of a block: with position and inverse mass they fill two thirds of a
+/// Least number of particles in a block. Their positions and inverse masses fill two thirds of a
 /// first-level cache of 48 KiB.
 const SMALLEST: usize = 1024;
 
@@ -22,9 +22,9 @@ const FAR: usize = 64;
 pub struct Block {
     /// Range of particles of the constraints.
     pub particles: Range<usize>,
-    /// Range of the colours, as indices of [`Schedule::colours`].
+    /// Range of the colours as indices into [`Schedule::colours`].
     pub colours: Range<usize>,
-    /// Range of places in the sweep.
+    /// Range of positions in the sweep.
     pub places: Range<usize>,
 }
 
@@ -35,8 +35,8 @@ fn ends<const K: usize>(points: &[u32; K]) -> (usize, usize) {
     })
 }
 
-/// Number of particles per block for these constraints over `count` particles: a power of two; at
-/// least `count` for a single block.
+/// Number of particles in a block for these constraints over `count` particles. It is a power of
+/// two; at least `count` for a single block.
 fn size<const K: usize>(points: &[[u32; K]], count: usize) -> usize {
     let mut reaches: Vec<usize> = points
         .iter()
@@ -95,7 +95,7 @@ pub(super) fn in_blocks<const K: usize>(points: &[[u32; K]], count: usize) -> Sc
             .collect();
         let colour = colours(&local, particles.len());
         let mut inner: Vec<usize> = (0..group.len()).collect();
-        // Neighbours in memory are visited together.
+        // Particles that are neighbours in memory are visited together.
         inner.sort_by_key(|&i| (colour[i], local[i].into_iter().min()));
         let (begin, first) = (schedule.sequence.len(), schedule.colours.len());
         let mut start = begin;
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn blocks_hold_each_constraint_once_and_phases_share_no_particle() {
         let mut points = strip(10_000);
-        // Some constraints that reach across the whole.
+        // Some constraints that reach across the whole strip.
         points.extend([[0, 9_999], [5_000, 100]]);
         let schedule = in_blocks(&points, 10_000);
         let mut seen = schedule.sequence.clone();

@@ -69,8 +69,10 @@ impl LaneConstraint<2> for Distance {
 }
 
 impl Distance {
-    /// Second derivative [N/m] of the energy of a spring of `stiffness` k [N/m]: k (u u^T + (1 - d/l) (1 - u u^T)) by one
-    /// point twice, the opposite by both. Across the spring its tension alone resists; with `convex`, not its pressure.
+    /// Second derivative [N/m] of the energy of a spring of `stiffness` k [N/m]: the block of one
+    /// point with itself is k (u u^T + (1 - d/l) (1 - u u^T)), the block of both points its
+    /// negative. Across the spring only its tension acts. With `convex`, a negative tension counts
+    /// as zero there.
     fn hessian(&self, x: &[Point3<f64>; 2], stiffness: f64, convex: bool) -> Option<Blocks<2>> {
         let d = x[0] - x[1];
         let length = d.norm();
@@ -85,7 +87,7 @@ impl Distance {
         Some([[block, -block], [-block, block]])
     }
 
-    /// For points that coincide, are very near or far, or are not numbers.
+    /// For points that coincide, are very close together, are very far apart, or are not numbers.
     #[cold]
     fn unusual(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
         let d = x[0] - x[1];

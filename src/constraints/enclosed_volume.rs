@@ -31,13 +31,13 @@ pub struct EnclosedVolume {
     unsolved: u64,
 }
 
-/// No displacement along the given field gives the target volume.
+/// No multiple of the displacement field gives the target volume.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "no displacement along the allowed directions gives the volume {target} m3 (now {volume} m3)"
 )]
 pub struct Unsolvable {
-    /// Volume before [m^3].
+    /// Volume before the projection [m^3].
     pub volume: f64,
     /// Target volume [m^3].
     pub target: f64,
@@ -151,10 +151,9 @@ impl EnclosedVolume {
         self.multiplier = 0.0;
     }
 
-    /// Brings the volume to its target along inverse mass times gradient.
+    /// Moves the particles along inverse mass times gradient until the volume is at its target.
     ///
-    /// # Errors
-    /// No such displacement exists; the particles are unchanged.
+    /// No such displacement exists. The particles are unchanged.
     pub fn project(&mut self, particles: &mut Particles, dt: f64) -> Result<(), Unsolvable> {
         self.project_along(particles, dt, |_, _| ())
     }
@@ -163,8 +162,7 @@ impl EnclosedVolume {
     /// directions from the displacement field; particles move by a positive multiple of
     /// `sign * field`.
     ///
-    /// # Errors
-    /// No such displacement exists; the particles are unchanged.
+    /// No such displacement exists. The particles are unchanged.
     pub fn project_along(
         &mut self,
         particles: &mut Particles,
@@ -226,7 +224,7 @@ impl EnclosedVolume {
         })
     }
 
-    /// The root nearest to zero of V(x + s d) - V(x) + compliance s = wanted, a cubic in s.
+    /// Root nearest to zero of V(x + s d) - V(x) + compliance s = `wanted`, a cubic in s.
     fn solve_along_field(&mut self, wanted: f64, compliance: f64) -> Option<f64> {
         if wanted == 0.0 {
             return Some(0.0);
@@ -302,12 +300,12 @@ impl State for EnclosedVolume {
     }
 }
 
-/// The root nearest to zero of linear s + square s^2 + cubic s^3 = wanted, by Newton's iteration.
+/// Root nearest to zero of linear s + square s^2 + cubic s^3 = `wanted`, by Newton's method.
 fn nearest_root([linear, square, cubic]: [f64; 3], wanted: f64) -> Option<f64> {
     if wanted == 0.0 {
         return Some(0.0);
     }
-    // A surface without extent, or entirely fixed: no direction changes the volume.
+    // A surface without extent, or with all vertices fixed: no displacement changes the volume.
     if !(linear > 0.0) {
         return None;
     }

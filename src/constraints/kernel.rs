@@ -1,4 +1,5 @@
-//! Evaluation of one kind of constraints in sweeps and energies: one by one or in lanes, with or without a branch.
+//! Evaluation of one kind of constraint in sweeps and energies: one by one or in lanes, with or
+//! without a branch.
 
 use nalgebra::Point3;
 
@@ -8,33 +9,34 @@ use super::quadratic::{self, Forces};
 use super::stencil::Blocks;
 use super::{Constraint, Periodic};
 
-/// A constraint that several lanes evaluate at once.
+/// A constraint that can be evaluated in several lanes at once.
 pub trait LaneConstraint<const K: usize>: Constraint<K> {
-    /// Whether the gradient at each point has length one wherever it is defined: a projection then need not measure it.
+    /// Whether the gradient at each point has length one wherever it is defined. A projection then
+    /// need not compute the length.
     const UNIT: bool = false;
 
-    /// C(x) and dC/dx_i of several constraints, one a lane, with the bits of [`Constraint::value_and_gradient`] wherever
-    /// `usual` says so.
+    /// C(x) and dC/dx_i of several constraints, one per lane. In the lanes of `usual`, the bits
+    /// equal those of [`Constraint::value_and_gradient`].
     fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; K]) -> Several<N, K>;
 }
 
-/// Facts of a kind of constraints that the loops of sweeps and energies need when they are compiled.
+/// Properties of a kind of constraint that the loops of sweeps and energies need at compile time.
 pub(crate) trait Mode<C, const K: usize> {
     /// See [`LaneConstraint::UNIT`].
     const UNIT: bool;
     /// Whether each constraint stores its branch.
     const PERIODIC: bool;
-    /// Stores C as the branch of a constraint, if it has one.
+    /// Stores C as the branch of a constraint that has one.
     fn note(constraint: &mut C, value: f64);
 }
 
-/// One by one, no branch.
+/// One by one, without a branch.
 pub(crate) struct Plain;
-/// In lanes, no branch.
+/// In lanes, without a branch.
 pub(crate) struct Lanes;
-/// One by one, on a branch.
+/// One by one, with a branch.
 pub(crate) struct OnBranch;
-/// In lanes, on a branch.
+/// In lanes, with a branch.
 pub(crate) struct LanesOnBranch;
 
 impl<C: Constraint<K>, const K: usize> Mode<C, K> for Plain {
@@ -79,12 +81,15 @@ pub(crate) struct Branch<C> {
 /// A sweep over the spans of a block.
 pub(crate) type SweepBlock<C, const K: usize> = fn(&mut Sweep<'_, C, K>, &[Span], SimdWidth);
 
-/// The second derivative [N/m] of k C^2 / 2 for a stiffness k, or with `true` its nearest positive semi-definite part.
+/// The second derivative [N/m] of k C^2 / 2 for a stiffness k. With `true`, its nearest positive
+/// semi-definite part.
 pub type Hessian<C, const K: usize> = fn(&C, &[Point3<f64>; K], f64, bool) -> Option<Blocks<K>>;
 
-/// The functions by which batches and energies evaluate constraints of one kind; [`Constraint::kernel`] chooses them.
+/// The functions with which batches and energies evaluate constraints of one kind.
+/// [`Constraint::kernel`] chooses them.
 ///
-/// The choice changes the speed and, for a periodic constraint, the branch of C. It changes no other bit of a result.
+/// The choice changes the speed and, for a periodic constraint, the branch of C. It changes no
+/// other bit of a result.
 #[derive(Clone, Copy)]
 pub struct Kernel<C, const K: usize> {
     pub(crate) sweep: SweepBlock<C, K>,
@@ -106,7 +111,7 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
         }
     }
 
-    /// As many constraints at once as the processor has lanes.
+    /// As many constraints at once as the register of the processor has lanes.
     pub fn in_lanes() -> Self
     where
         C: LaneConstraint<K>,
@@ -134,7 +139,7 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
         }
     }
 
-    /// As many constraints at once as the processor has lanes, each on its branch.
+    /// As many constraints at once as the register of the processor has lanes, each on its branch.
     pub fn periodic_in_lanes() -> Self
     where
         C: Periodic<K> + LaneConstraint<K>,
@@ -146,13 +151,13 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
         }
     }
 
-    /// With a second derivative of the energy that is written out, in place of the one that follows from the value.
+    /// Uses an explicit second derivative of the energy instead of the one computed from the value.
     #[must_use]
     pub fn with_hessian(self, hessian: Hessian<C, K>) -> Self {
         Self { hessian, ..self }
     }
 
-    /// Whether gradients are taken to have length one, see [`LaneConstraint::UNIT`].
+    /// Whether gradients are assumed to have length one; see [`LaneConstraint::UNIT`].
     pub fn has_unit_gradients(&self) -> bool {
         self.unit
     }

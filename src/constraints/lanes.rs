@@ -1,10 +1,11 @@
-//! Several constraints at once, one a lane.
+//! Several constraints at once, one per lane.
 
 pub(crate) use crate::simd::{InLanes, Triple, cross, dot, neg, run, scale, sub};
 pub use crate::simd::{Lane, SimdWidth};
 
-/// Does the same for `k` from 0 to below `K`, at most 6, with `k` known to the compiler: a loop over arrays of lanes
-/// that it does not unroll goes through memory.
+/// Repeats an expression for `k` from 0 to `K` - 1, with `k` known to the compiler; `K` is at most
+/// 6. A loop over arrays of lanes that the compiler does not unroll would use memory instead of
+/// registers.
 macro_rules! unrolled {
     ($k:ident in $count:ident => $body:block) => {
         const { assert!($count <= 6, "a constraint has at most six points") };
@@ -19,13 +20,14 @@ macro_rules! unrolled {
 }
 pub(crate) use unrolled;
 
-/// Value and gradient of several constraints, one a lane.
+/// Value and gradient of several constraints, one per lane.
 #[derive(Clone, Copy, Debug)]
 pub struct Several<N: Lane, const K: usize> {
     /// C.
     pub value: N,
     /// dC/dx_i.
     pub gradient: [[N; 3]; K],
-    /// Where both are defined and hold to the bit; other lanes are computed one by one.
+    /// The lanes where both are defined and have the exact bits. The other lanes are computed one
+    /// by one.
     pub usual: N::Mask,
 }

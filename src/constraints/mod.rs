@@ -1,9 +1,10 @@
-//! Constraints: scalar functions of a few points, zero where they hold, each with its analytic gradient.
+//! Constraints: scalar functions of a few points, zero where the constraint holds, each with its
+//! analytic gradient.
 //!
-//! A constraint is written once, in its own file, as [`Constraint::value`] over any number and
-//! [`Constraint::value_and_gradient`] over `f64`. The projection is written once, in [`batch`]; the energy
-//! k C^2 / 2 with its forces and second derivatives is written once, in [`quadratic`]. One line in the list below makes a
-//! new constraint part of the crate and of the conformance suite.
+//! A constraint is written once, in its own file, as [`Constraint::value`] over any scalar type and
+//! [`Constraint::value_and_gradient`] over `f64`. The projection is written once, in [`batch`]. The
+//! energy k C^2 / 2 with its forces and second derivatives is written once, in [`quadratic`]. One
+//! line in the list below adds a new constraint to the crate and to the conformance suite.
 
 mod angle;
 pub mod batch;
@@ -52,8 +53,8 @@ use nalgebra::{Point3, Vector3};
 
 /// A scalar function C(x) of `K` points, zero where the constraint holds.
 ///
-/// The points, the value and the gradient are all that a new constraint has to write. [`Batch`] projects it and
-/// [`Quadratic`] takes its square as an energy:
+/// The points, the value and the gradient are all that a new constraint must define. [`Batch`]
+/// projects it and [`Quadratic`] uses its square as an energy:
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
@@ -88,29 +89,31 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
     /// The particles it acts on.
     fn points(&self) -> [u32; K];
 
-    /// C(x), in any number.
+    /// C(x) for any scalar type.
     fn value<S: Scalar>(&self, x: &[Point3<S>; K]) -> S;
 
     /// C(x) and dC/dx_i; `None` where the gradient is undefined (each constraint says where).
     fn value_and_gradient(&self, x: &[Point3<f64>; K]) -> Option<(f64, [Vector3<f64>; K])>;
 
-    /// How batches and energies evaluate it: one by one, unless it has a form in lanes ([`LaneConstraint`]) or a branch
-    /// ([`Periodic`]).
+    /// The functions that batches and energies evaluate it with: one by one, unless the constraint
+    /// has a form in lanes ([`LaneConstraint`]) or a branch ([`Periodic`]).
     fn kernel() -> Kernel<Self, K> {
         Kernel::one_by_one()
     }
 }
 
-/// A constraint whose value is known up to a period: it stores C of its last visit, and the value next to it counts.
+/// A constraint whose value is known up to a period. It stores C of its last visit; the value
+/// nearest to it counts.
 pub trait Periodic<const K: usize>: Constraint<K> {
-    /// C when it was last visited: its whole state, as its points and parameters never change.
+    /// C at the last visit. It is the whole state, because points and parameters never change.
     fn branch(&self) -> f64;
 
     /// Stores C.
     fn set_branch(&mut self, value: f64);
 }
 
-/// Names the kinds of constraints, and calls a visitor on each: the one list that a new constraint must join.
+/// Names the kinds of constraints and calls a visitor for each kind. A new constraint needs an
+/// entry in this one list.
 macro_rules! constraints {
     ($($module:ident::$kind:ident<$points:literal>),* $(,)?) => {
         /// Names of all constraints with a fixed number of points.
@@ -136,8 +139,8 @@ constraints! {
 /// Length of `v` without underflow or overflow; zero only for the zero vector.
 pub(crate) fn safe_norm(v: &Vector3<f64>) -> f64 {
     let squared = v.norm_squared();
-    // Squares of components beyond these bounds lose digits or overflow.
-    // A NaN passes through: `amax` below would lose it.
+    // Squares of components beyond these bounds lose digits or overflow. A NaN passes through,
+    // because `amax` below would ignore it.
     if !(squared <= 1e-280 || squared >= 1e280) {
         return squared.sqrt();
     }

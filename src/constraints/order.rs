@@ -13,7 +13,7 @@ pub enum Order {
     Reversed,
     /// By the number of constraints between them and the loaded or displaced particles.
     FromLoadedEnd,
-    /// By blocks of particles with near indices, in each block by colour: no two constraints of a
+    /// By blocks of particles with close indices; in each block by colour. No two constraints of a
     /// colour share a particle.
     #[default]
     Coloured,
@@ -37,13 +37,13 @@ impl Order {
     }
 }
 
-/// Visiting order of constraints, and its ranges in which no two constraints share a particle.
+/// Visiting order of constraints, with ranges in which no two constraints share a particle.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schedule {
-    /// Index of the constraint at each place of the sweep.
+    /// Index of the constraint at each position of the sweep.
     pub sequence: Vec<u32>,
-    /// Ranges of places; the constraints of one range are independent. Otherwise each constraint
-    /// has its own range.
+    /// Ranges of positions; the constraints of one range are independent. If `independent` is
+    /// false, each constraint has its own range.
     pub colours: Vec<Range<usize>>,
     /// Whether the ranges are colours.
     pub independent: bool,
@@ -51,9 +51,10 @@ pub struct Schedule {
     pub phases: Vec<Vec<Block>>,
 }
 
-/// Orders the constraints with the given `points` over `count` particles. `loaded` seeds [`Order::FromLoadedEnd`].
+/// Orders the constraints with the given `points` over `count` particles. [`Order::FromLoadedEnd`]
+/// starts at `loaded`.
 ///
-/// Neighbouring particles should have near indices, since blocks are ranges of indices.
+/// Neighbouring particles should have close indices, because blocks are ranges of indices.
 pub fn schedule<const K: usize>(
     order: Order,
     points: &[[u32; K]],
@@ -68,7 +69,7 @@ pub fn schedule<const K: usize>(
         Order::FromLoadedEnd => {
             let level = levels(points, count, loaded);
             let mut sequence: Vec<u32> = stored.collect();
-            // Stable: constraints at the same distance stay in stored order.
+            // Stable: constraints at the same distance keep their stored order.
             sequence.sort_by_key(|&c| {
                 let of = points[c as usize].map(|p| level[p as usize]);
                 let nearest = of.into_iter().min().unwrap_or(0);
@@ -94,7 +95,8 @@ fn sequential(sequence: Vec<u32>, count: usize) -> Schedule {
     }
 }
 
-/// Number of constraints between each particle and the nearest of `from`; `u32::MAX` where there is no path.
+/// Number of constraints between each particle and the nearest one of `from`; `u32::MAX` without a
+/// path.
 fn levels<const K: usize>(points: &[[u32; K]], count: usize, from: &[u32]) -> Vec<u32> {
     let mut at: Vec<Vec<u32>> = vec![Vec::new(); count];
     for (c, p) in points.iter().enumerate() {
@@ -119,9 +121,11 @@ fn levels<const K: usize>(points: &[[u32; K]], count: usize, from: &[u32]) -> Ve
     level
 }
 
-/// Greedy colouring by index: each constraint takes the first colour that none of its particles has yet.
+/// Greedy colouring by index: each constraint takes the first colour that none of its particles
+/// has.
 ///
-/// `points` count from the first of the `count` particles. Returns a colour for each constraint.
+/// `points` are counted from the first of the `count` particles. Returns a colour for each
+/// constraint.
 pub(super) fn colours<const K: usize>(points: &[[u32; K]], count: usize) -> Vec<u32> {
     const BITS: usize = 64;
     let mut words = 1;
@@ -140,7 +144,8 @@ pub(super) fn colours<const K: usize>(points: &[[u32; K]], count: usize) -> Vec<
             }
         }
         let colour = free.unwrap_or_else(|| {
-            // A hub with more constraints than colours so far: adds a word for every particle.
+            // A particle has more constraints than there are colours so far: adds a word for every
+            // particle.
             used = used
                 .chunks(words)
                 .flat_map(|c| c.iter().copied().chain([0]))
@@ -161,7 +166,7 @@ mod tests {
 
     #[test]
     fn colours_share_no_particle_and_lose_no_constraint() {
-        // A hub with 200 spokes needs 200 colours: more than one word of them.
+        // A particle with 200 edges needs 200 colours: more than the bits of one word.
         let spokes: Vec<[u32; 2]> = (1..=200)
             .map(|i| [0, i])
             .chain((1..200).map(|i| [i, i + 1]))

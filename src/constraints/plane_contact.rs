@@ -1,11 +1,12 @@
-//! Height of a point over a plane: C = n.(p - a) - h; the contact of a muscle vertex with a bone.
+//! Height of a point above a plane: C = n.(p - a) - h, the contact of a muscle vertex with a bone.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{Constraint, Scalar};
 
-/// Height of a particle over the plane through `origin` [m] with unit `normal`, less `thickness` [m]. Contact holds
-/// where C >= 0, so only negative values are corrected. The gradient is the normal, everywhere.
+/// Height of a particle above the plane through `origin` [m] with unit `normal`, minus `thickness`
+/// [m]. Contact holds where C >= 0, so only negative values are corrected. The gradient is the
+/// normal everywhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlaneContact {
     /// The particle.
@@ -14,7 +15,7 @@ pub struct PlaneContact {
     pub origin: Point3<f64>,
     /// Unit normal, away from the bone.
     pub normal: Vector3<f64>,
-    /// Height to be kept [m].
+    /// Least height [m].
     pub thickness: f64,
 }
 

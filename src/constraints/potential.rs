@@ -11,23 +11,24 @@ pub trait Potential: Send + Sync {
     fn name(&self) -> &'static str;
     /// Energy [J] at positions `x` [m].
     fn energy(&self, x: &[Point3<f64>]) -> f64;
-    /// Energy [J]; adds its gradient [N] to `gradient`, one entry a vertex.
+    /// Energy [J]; adds its gradient [N] to `gradient`, one entry per vertex.
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64;
-    /// Calls `pair` with every two vertices between which the second derivative may differ from zero.
+    /// Calls `pair` with every two vertices between which the second derivative can differ from
+    /// zero.
     fn pairs(&self, pair: &mut dyn FnMut(u32, u32));
-    /// Calls `add` with the blocks of the second derivative [N/m], by row and column; with `convex`, of its nearest
-    /// positive semi-definite part, stencil by stencil.
+    /// Calls `add` with the blocks of the second derivative [N/m], by row and column. With
+    /// `convex`, the blocks are those of the nearest positive semi-definite part of each stencil.
     fn hessian(
         &self,
         x: &[Point3<f64>],
         convex: bool,
         add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
     );
-    /// Calls `add` with entries [N/m] of a positive semi-definite matrix over vertices that stands for the second
-    /// derivative at `x` in every direction of space.
+    /// Calls `add` with the entries [N/m] of a positive semi-definite matrix over vertices. The
+    /// matrix approximates the second derivative at `x`, equally in all directions of space.
     fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64));
-    /// Greatest force [N] that a unit of strain or angle gives, a scale to judge forces by; 0 for a part whose forces
-    /// other parts judge.
+    /// Greatest force [N] at a strain or an angle of one. Forces are compared with it. Zero for a
+    /// part whose forces are compared with those of other parts.
     fn force_scale(&self, _x: &[Point3<f64>]) -> f64 {
         0.0
     }
@@ -35,13 +36,14 @@ pub trait Potential: Send + Sync {
     fn memory(&self) -> Option<&dyn Memory> {
         None
     }
-    /// As [`Self::memory`], to be changed.
+    /// The same as [`Self::memory`], mutable.
     fn memory_mut(&mut self) -> Option<&mut dyn Memory> {
         None
     }
 }
 
-/// State of a potential beside the positions, as the branches of periodic constraints. It goes into checkpoints.
+/// State of a potential beside the positions, such as the branches of periodic constraints.
+/// Checkpoints contain it.
 pub trait Memory: State {
     /// Stores the branch of each periodic constraint at positions `x` [m].
     fn remember(&mut self, x: &[Point3<f64>]);
@@ -60,7 +62,8 @@ pub(crate) fn positive_part<const K: usize>(
     })
 }
 
-/// Second derivative of the enclosed volume: calls `add` with its blocks times `factor`, by row and column.
+/// Second derivative of the enclosed volume. Calls `add` with its blocks times `factor`, by row and
+/// column.
 pub fn volume_hessian(
     volume: &EnclosedVolume,
     x: &[Point3<f64>],
@@ -70,8 +73,9 @@ pub fn volume_hessian(
     for t in volume.triangles() {
         let p = t.map(|v| x[v as usize]);
         for k in 0..3 {
-            // V = a.(b x c)/6: d2V/(da db) v = (v x c)/6. On a closed surface only the difference of c to that of the
-            // edge's other triangle survives, so both may count from the middle of the edge.
+            // V = a.(b x c)/6: d2V/(da db) v = (v x c)/6. On a closed surface only the difference
+            // of c for the two triangles of an edge remains. Therefore both may be measured from
+            // the middle of the edge.
             let (i, j, c) = (t[k], t[(k + 1) % 3], p[(k + 2) % 3]);
             let middle = nalgebra::center(&p[k], &p[(k + 1) % 3]);
             let block = (c - middle).cross_matrix() * (-factor / 6.0);

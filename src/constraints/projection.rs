@@ -1,4 +1,5 @@
-//! The one projection that all kinds of constraints share, for one constraint and for several in lanes alike.
+//! The one projection that all kinds of constraints share, for one constraint and for several in
+//! lanes.
 
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -10,10 +11,10 @@ use super::lanes::{self, InLanes, Lane, Several, SimdWidth, dot, scale, unrolled
 use super::{Constraint, LaneConstraint};
 use crate::particles::Slot;
 
-/// Lanes at most.
+/// Greatest number of lanes.
 const MOST: usize = 8;
 
-/// As many as there are lanes at most.
+/// The number of lanes, at most [`MOST`].
 #[inline(always)]
 fn array<T>(of: impl FnMut(usize) -> T) -> [T; MOST] {
     std::array::from_fn(of)
@@ -27,26 +28,26 @@ pub struct Correction<const K: usize> {
     move_by: [[f64; 3]; K],
 }
 
-/// Places of a block that are done after one another, or side by side.
+/// Positions of a block whose constraints are projected one after the other or in lanes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Span {
-    /// The places, counted from the block's first.
+    /// The positions, counted from the first of the block.
     pub range: Range<usize>,
-    /// Whether no particle occurs twice in it.
+    /// Whether each particle occurs at most once.
     pub independent: bool,
 }
 
-/// What a sweep reads and writes; all but `slots` in sweep order.
+/// The data that a sweep reads and writes, all but `slots` in sweep order.
 pub struct Sweep<'a, C, const K: usize> {
     pub constraints: &'a mut [C],
-    /// Where the constraints' particles are, counted from the first slot of their block.
+    /// Slots of the constraints' particles, counted from the first slot of their block.
     pub places: &'a [[u32; K]],
     pub compliance: &'a [f64],
     pub relaxation: &'a [f64],
     pub multipliers: &'a mut [f64],
     pub slots: &'a mut [Slot],
     pub per_dt2: f64,
-    /// Projections left out.
+    /// Number of skipped projections.
     pub skipped: u64,
 }
 
@@ -85,7 +86,7 @@ impl<C, const K: usize> Sweep<'_, C, K> {
     }
 }
 
-/// Change of the multiplier, and sum w |g|^2.
+/// Change of the multiplier and sum w |g|^2.
 #[inline(always)]
 fn change<C, M: Mode<C, K>, N: Lane, const K: usize>(
     machine: N::Machine,
@@ -98,17 +99,18 @@ fn change<C, M: Mode<C, K>, N: Lane, const K: usize>(
         let inverse_mass = inverse_mass[k];
         weight = weight + if M::UNIT { inverse_mass } else { inverse_mass * dot(gradient[k], gradient[k]) };
     });
-    // Of an infinite compliance, infinity times a multiplier of zero would be NaN.
+    // For an infinite compliance, infinity times a multiplier of zero would be NaN.
     let largest = N::splat(machine, f64::MAX);
     let compliance = N::select(compliance.lt(largest), compliance, largest);
-    // The quotient first: it need not wait for the value.
+    // The quotient is computed first, because it does not depend on the value.
     (
         relaxation / (weight + compliance) * (-value - compliance * multiplier),
         weight,
     )
 }
 
-/// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
+/// The change of the multiplier and of each point by one projection; `None` where no change is
+/// possible or needed.
 #[inline(always)]
 fn correction<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
     constraint: &C,
@@ -120,7 +122,7 @@ fn correction<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
     let inverse_mass = at.map(|slot| slot[3]);
     let mut move_by = gradient.map(Into::into);
     let (change, weight) = change::<C, M, f64, K>((), (value, &move_by), &inverse_mass, numbers);
-    // All points held, or a gradient of zero: nothing that moves could change C.
+    // All points are fixed or the gradient is zero: no displacement can change C.
     if weight <= 0.0 {
         return None;
     }
@@ -135,7 +137,7 @@ fn correction<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
 }
 
 impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
-    /// What constraint `j` is projected with: compliance over dt^2, relaxation, multiplier.
+    /// The numbers for the projection of constraint `j`: compliance / dt^2, relaxation, multiplier.
     #[inline(always)]
     fn numbers(&self, j: usize) -> (f64, f64, f64) {
         (
@@ -145,7 +147,7 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
         )
     }
 
-    /// Applies what was computed for constraint `j`.
+    /// Applies the computed changes to constraint `j`.
     #[inline(always)]
     fn apply<M: Mode<C, K>>(&mut self, j: usize, correction: Option<Correction<K>>) {
         let Some(Correction {
@@ -167,7 +169,7 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
         }
     }
 
-    /// Projects one constraint, whatever its numbers and particles are.
+    /// Projects one constraint, for any numbers and particles.
     #[inline(always)]
     fn alone<M: Mode<C, K>>(&mut self, j: usize) {
         let at = self.places[j].map(|p| self.slots[p as usize].0);
@@ -177,8 +179,9 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
 }
 
 impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
-    /// Projects the constraints of a range one by one, in one lane where that holds.
-    // A function of its own: inlined, it would stand in each loop over lanes again.
+    /// Projects the constraints of a range one by one, in one lane where the form in lanes is
+    /// valid.
+    // A separate function: inlined, it would be copied into each loop over lanes.
     #[inline(never)]
     fn serial<M: Mode<C, K>>(&mut self, range: Range<usize>, independent: bool) {
         for j in range {
@@ -188,7 +191,7 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
         }
     }
 
-    /// Projects as many constraints from `j` on as there are lanes.
+    /// Projects as many constraints as there are lanes, from `j` on.
     #[inline(always)]
     fn group<M: Mode<C, K>, N: Lane>(&mut self, machine: N::Machine, j: usize) {
         if !self.side_by_side::<M, N>(machine, j, N::COUNT) {
@@ -196,15 +199,15 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
         }
     }
 
-    /// Projects constraints for which the form in lanes does not hold.
+    /// Projects constraints for which the form in lanes is not valid.
     #[cold]
     #[inline(never)]
     fn unusual<M: Mode<C, K>>(&mut self, range: Range<usize>) {
         self.serial::<M>(range, true);
     }
 
-    /// Projects the constraints of a range, fewer than there are lanes: the last of them fills the others, which do and
-    /// write the same.
+    /// Projects the constraints of a range with fewer constraints than lanes. The last constraint
+    /// fills the remaining lanes. They compute and write the same numbers.
     #[inline(always)]
     fn rest<M: Mode<C, K>, N: Lane>(&mut self, machine: N::Machine, range: Range<usize>) {
         let Some(last) = range.clone().next_back() else {
@@ -233,9 +236,9 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
         }
     }
 
-    /// Projects the constraints from `j` on, as many as there are lanes; no particle may occur twice, but in a
-    /// repetition of the last: only the first `counted` are. Returns false and does nothing where the form in lanes
-    /// does not hold for all.
+    /// Projects the constraints from `j` on, as many as there are lanes. No particle may occur
+    /// twice, except in repetitions of the last constraint; only the first `counted` count. Returns
+    /// false and changes nothing if the form in lanes is not valid for all of them.
     #[inline(always)]
     fn side_by_side<M: Mode<C, K>, N: Lane>(
         &mut self,
@@ -267,7 +270,7 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
         let numbers = (compliance, relaxation, multiplier);
         let (change, weight) =
             change::<C, M, N, K>(machine, (value, &gradient), &inverse_mass, numbers);
-        // All points held, or a gradient of zero: nothing that moves could change C.
+        // All points are fixed or the gradient is zero: no displacement can change C.
         let still = weight.le(zero);
         let change = N::select(still, zero, change);
         self.skipped += u64::from((N::bits(still) & ((1 << counted) - 1)).count_ones());

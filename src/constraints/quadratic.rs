@@ -13,7 +13,8 @@ use crate::mesh::sum::NeumaierSum;
 use crate::particles::Slot;
 use crate::state::{DecodeError, Reader, State, Writer};
 
-/// The energy k C^2 / 2 of constraints of one kind, k the stiffness of each [J per unit of C squared].
+/// The energy k C^2 / 2 of constraints of one kind, with k the stiffness of each [J per unit of C
+/// squared].
 #[derive(Clone, Debug)]
 pub struct Quadratic<C, const K: usize> {
     constraints: Vec<C>,
@@ -21,10 +22,10 @@ pub struct Quadratic<C, const K: usize> {
 }
 
 impl<C: Constraint<K>, const K: usize> Quadratic<C, K> {
-    /// Constraints with a stiffness each.
+    /// Constraints with one stiffness each.
     ///
     /// # Panics
-    /// If the number of stiffnesses differs from that of constraints.
+    /// If the number of stiffnesses differs from the number of constraints.
     pub fn new(constraints: Vec<C>, stiffness: Vec<f64>) -> Self {
         assert_eq!(
             constraints.len(),
@@ -55,7 +56,7 @@ pub struct Squared<C> {
     pub stiffness: f64,
 }
 
-/// Where the gradient is undefined an edge or hinge without extent exerts no force.
+/// Where the gradient is undefined, an edge or hinge without extent exerts no force.
 impl<C: Constraint<K>, const K: usize> Stencil<K> for Squared<C> {
     #[inline]
     fn points(&self) -> [u32; K] {
@@ -73,7 +74,8 @@ impl<C: Constraint<K>, const K: usize> Stencil<K> for Squared<C> {
         (C::kernel().hessian)(&self.constraint, x, self.stiffness, convex)
     }
 
-    /// The trace of each block k g_i g_j^T: a Gram matrix, hence positive semi-definite.
+    /// The trace of each block k g_i g_j^T. The result is a Gram matrix, therefore positive
+    /// semi-definite.
     fn scalar_hessian(&self, x: &[Point3<f64>; K]) -> Option<[[f64; K]; K]> {
         let (_, g) = self.constraint.value_and_gradient(x)?;
         Some(std::array::from_fn(|i| {
@@ -81,7 +83,7 @@ impl<C: Constraint<K>, const K: usize> Stencil<K> for Squared<C> {
         }))
     }
 
-    /// The force at which C has changed by as much as a strain of one changes it.
+    /// The force at which C has changed as much as by a strain of one.
     fn force_scale(&self, x: &[Point3<f64>; K]) -> f64 {
         let Some((_, g)) = self.constraint.value_and_gradient(x) else {
             return 0.0;
@@ -91,7 +93,7 @@ impl<C: Constraint<K>, const K: usize> Stencil<K> for Squared<C> {
     }
 }
 
-/// The second derivative of k C^2 / 2 from the constraint's own value, see [`Second`].
+/// The second derivative of k C^2 / 2 computed from the constraint's value; see [`Second`].
 pub(crate) fn hessian<C: Constraint<K>, const K: usize>(
     constraint: &C,
     x: &[Point3<f64>; K],
@@ -104,7 +106,8 @@ pub(crate) fn hessian<C: Constraint<K>, const K: usize>(
         (c.gradient[i] * c.gradient[j].transpose() + c.hessian[i][j] * c.value) * stiffness
     };
     let blocks = std::array::from_fn(|i| std::array::from_fn(|j| block(i, j)));
-    // A spring at rest or stretched, and any constraint that holds, has no negative curvature of its own.
+    // A spring that is at rest or stretched has no negative curvature, nor has any constraint that
+    // holds.
     if convex && c.value != 0.0 {
         Some(positive_part(&blocks))
     } else {
@@ -193,7 +196,7 @@ impl<C: Constraint<K>, const K: usize> Memory for Quadratic<C, K> {
     }
 }
 
-/// Energy and forces, added in the order of the constraints however many are computed at once.
+/// Energy and forces. They are added in the order of the constraints, for any number of lanes.
 pub(crate) struct Forces<'a, C, const K: usize> {
     of: &'a Quadratic<C, K>,
     x: &'a [Point3<f64>],
@@ -212,7 +215,7 @@ impl<C: Constraint<K>, const K: usize> Forces<'_, C, K> {
         }
     }
 
-    /// Where the gradient is undefined an edge or hinge without extent exerts no force.
+    /// Where the gradient is undefined, an edge or hinge without extent exerts no force.
     fn alone(&mut self, j: usize) {
         let constraint = &self.of.constraints[j];
         let at = constraint.points().map(|p| self.x[p as usize]);
@@ -226,7 +229,7 @@ impl<C: LaneConstraint<K>, const K: usize> Forces<'_, C, K> {
     #[inline(always)]
     fn side_by_side<N: Lane>(&mut self, machine: N::Machine, j: usize) {
         let these = &self.of.constraints[j..j + N::COUNT];
-        // Without closures: what they call would not be compiled for the lanes that they are called from.
+        // No closures: a function called from a closure would not be compiled for the lanes.
         let mut at = [[N::splat(machine, 0.0); 3]; K];
         unrolled!(k in K => {
             let [x, y, z, _] = N::gather(machine, self.slots, |l| these[l].points()[k]);
@@ -271,12 +274,13 @@ impl<C: LaneConstraint<K>, const K: usize> InLanes for Forces<'_, C, K> {
     }
 }
 
-/// Adds energy and forces of one constraint after the other.
+/// Adds the energy and forces of one constraint after the other.
 pub(crate) fn one_by_one<C: Constraint<K>, const K: usize>(mut forces: Forces<'_, C, K>) {
     (0..forces.of.constraints.len()).for_each(|j| forces.alone(j));
 }
 
-/// Adds energy and forces of as many constraints at once as the processor has lanes.
+/// Adds the energy and forces of as many constraints at once as the register of the processor has
+/// lanes.
 pub(crate) fn in_lanes<C: LaneConstraint<K>, const K: usize>(forces: Forces<'_, C, K>) {
     lanes::run(SimdWidth::best(), forces);
 }

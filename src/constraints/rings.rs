@@ -7,8 +7,8 @@ use super::lanes::{InLanes, Lane, SimdWidth, Triple, cross, dot, run, sub};
 use crate::mesh::sum::tree_sum;
 use crate::particles::{SHARE, Slot, is_shared};
 
-/// Vertices whose rings are stored side by side: the number of the widest lanes, for any width in
-/// use.
+/// Number of vertices whose rings are stored together: the number of the widest lanes, for every
+/// width.
 const GROUP: usize = 8;
 
 /// For each vertex the other corners of its triangles, in cyclic order.
@@ -16,10 +16,10 @@ const GROUP: usize = 8;
 pub struct Rings {
     /// First row of each group in `around`, and the end of the last.
     start: Vec<u32>,
-    /// Row by row the next corner of each vertex of a group. Each two successive entries are the
-    /// other corners of a triangle, in cyclic order. A vertex with several fans has its own index
-    /// between them. The last corner of a ring that ends early is repeated: the product of a
-    /// difference with itself or with zero is zero.
+    /// Each row contains the next corner of each vertex of a group. Each two successive entries are
+    /// the other corners of a triangle, in cyclic order. In the ring of a vertex with several fans,
+    /// the index of the vertex itself separates the fans. A short ring repeats its last corner: the
+    /// product of a difference with itself or with zero is zero.
     around: Vec<[u32; GROUP]>,
 }
 
@@ -27,7 +27,7 @@ pub struct Rings {
 #[derive(Clone, Debug, Default)]
 pub struct Terms([Vec<f64>; 3]);
 
-/// A part of the terms from the iterators.
+/// One chunk of each of the three terms.
 type ThreeChunks<'a> = ((&'a mut [f64], &'a mut [f64]), &'a mut [f64]);
 
 impl Rings {
@@ -95,8 +95,8 @@ impl Rings {
         tree_sum(&volume[..x.len()]) / 3.0
     }
 
-    /// The coefficients of s, s^2 and s^3 of the volume at `x + s field`, for the given gradient of
-    /// the volume.
+    /// The coefficients of s, s^2 and s^3 of the volume at `x + s field`, from the given gradient
+    /// of the volume.
     pub fn along(
         &self,
         width: SimdWidth,
@@ -267,8 +267,9 @@ impl InLanes for Along<'_> {
         let [linear, square, cubic] = self.terms;
         for to in (0..linear.len()).step_by(N::COUNT) {
             let first = self.first + to;
-            // The volume is a symmetric trilinear form: its gradient at the field d times x is the
-            // coefficient of s^2, and times d three times the coefficient of s^3.
+            // The volume is a symmetric trilinear form. Its gradient at the field times x is the
+            // coefficient of s^2. Its gradient at the field times the field is three times the
+            // coefficient of s^3.
             let of_field = self.rings.gather::<N>(machine, self.field, first);
             let d = of_vertices::<N>(machine, self.field, first);
             let g = of_vertices::<N>(machine, self.gradient, first);

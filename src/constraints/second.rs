@@ -1,5 +1,5 @@
-//! Hyper-dual numbers with gradient and Hessian: the derivatives of a constraint for Newton's
-//! method from its value alone.
+//! Hyper-dual numbers with gradient and Hessian. They give the derivatives of a constraint for
+//! Newton's method from its value alone.
 
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -11,7 +11,7 @@ use super::angle::atan2;
 
 /// A function's value, its gradient with respect to `K` points and its Hessian as 3 by 3 blocks.
 ///
-/// Derivatives follow the chain rule exactly; they differ from the analytic ones only by rounding.
+/// Derivatives follow the chain rule. They differ from the analytic ones only by rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Second<const K: usize> {
     /// The value.
@@ -34,7 +34,7 @@ impl<const K: usize> Second<K> {
         })
     }
 
-    /// f(self) from f and its first two derivatives at the value.
+    /// f(self), from f and its first two derivatives at the value.
     fn chain(mut self, [f, f1, f2]: [f64; 3]) -> Self {
         for i in 0..K {
             for j in 0..K {
@@ -46,7 +46,7 @@ impl<const K: usize> Second<K> {
         Self { value: f, ..self }
     }
 
-    /// f(a, b) from f, its gradient and its second derivatives (aa, ab, bb) at the values.
+    /// f(a, b), from f, its gradient and its second derivatives (aa, ab, bb) at the values.
     fn chain_two(
         a: &Self,
         b: &Self,

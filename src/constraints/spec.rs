@@ -1,17 +1,17 @@
-//! What the conformance suite has to know of a constraint beside its value and gradient.
+//! Properties of a constraint, beside its value and gradient, that the conformance suite needs.
 
 use super::Constraint;
 
 /// Meaning of a parameter of a constraint: how the conformance suite draws, moves and scales it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
-    /// A length [m], scales with the shape.
+    /// A length [m]; scales with the shape.
     Length,
-    /// An angle [rad], unchanged by scaling.
+    /// An angle [rad]; unchanged by scaling.
     Angle,
     /// A volume [m^3].
     Volume,
-    /// One coordinate of a point in space [m] (0, 1, 2): moves with the shape.
+    /// One coordinate of a point in space [m] (0, 1, 2); moves with the shape.
     Coordinate(usize),
     /// One component of a unit direction (0, 1, 2).
     Direction(usize),

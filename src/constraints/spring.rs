@@ -1,4 +1,4 @@
-//! Springs: a law of tension along a vector, and the points between which that vector lies.
+//! Springs: a law of tension along a vector between points.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -38,13 +38,13 @@ pub trait SpringLaw: Copy + Send + Sync + 'static {
     /// Stored energy [J] at a length [m].
     fn energy(&self, length: f64) -> f64;
 
-    /// Tension [N] at a length [m]; positive pulls.
+    /// Tension [N] at a length [m]; positive values pull.
     fn tension(&self, length: f64) -> f64;
 
-    /// Derivative of the tension by the length [N/m].
+    /// Derivative of the tension with respect to the length [N/m].
     fn slope(&self, length: f64) -> f64;
 
-    /// Tension over length [N/m]; its limit or 0 at the length 0.
+    /// Tension over length [N/m]; its limit, or 0, at length 0.
     #[inline]
     fn tension_per_length(&self, length: f64) -> f64 {
         if length > 0.0 {
@@ -61,8 +61,8 @@ pub trait SpringLaw: Copy + Send + Sync + 'static {
         (self.energy(length), self.tension_per_length(length))
     }
 
-    /// Second derivative along `d` [N/m]: slope u u^T + tension/length (1 - u u^T), u the direction of `d`; with `convex`,
-    /// negative factors become 0.
+    /// Second derivative along `d` [N/m]: slope u u^T + tension/length (1 - u u^T), with u the
+    /// direction of `d`. With `convex`, negative factors become 0.
     #[inline]
     fn block(&self, d: &Vector3<f64>, convex: bool) -> Matrix3<f64> {
         let (length, slope, across) = self.factors(d, convex);
@@ -86,7 +86,8 @@ pub trait SpringLaw: Copy + Send + Sync + 'static {
         }
     }
 
-    /// Length [m], slope and tension over length [N/m]; with `convex`, negative factors become 0.
+    /// Length [m], slope [N/m] and tension over length [N/m]. With `convex`, negative factors
+    /// become 0.
     #[inline]
     fn factors(&self, d: &Vector3<f64>, convex: bool) -> (f64, f64, f64) {
         let length = d.norm();
@@ -98,7 +99,7 @@ pub trait SpringLaw: Copy + Send + Sync + 'static {
         }
     }
 
-    /// Greatest factor of the second derivative, without sign [N/m].
+    /// Greatest absolute factor of the second derivative [N/m].
     #[inline]
     fn stiffest(&self, length: f64) -> f64 {
         self.slope(length)
@@ -106,13 +107,15 @@ pub trait SpringLaw: Copy + Send + Sync + 'static {
             .max(self.tension_per_length(length).abs())
     }
 
-    /// Stiffness [N/m] that stands for the second derivative in every direction of space.
+    /// A stiffness [N/m] that approximates the second derivative, equally in all directions of
+    /// space.
     #[inline]
     fn scalar(&self, length: f64) -> f64 {
         self.slope(length)
     }
 
-    /// Force [N] that a strain of one exerts, for a spring as long as `d` [m]; 0 where other terms are the scale of forces.
+    /// Force [N] at a strain of one, for a spring of the length of `d` [m]; 0 if other terms define
+    /// the scale of forces.
     #[inline]
     fn force_scale(&self, _d: &Vector3<f64>) -> f64 {
         0.0
@@ -124,7 +127,7 @@ pub trait SpringLaw: Copy + Send + Sync + 'static {
 pub struct Linear {
     /// Stiffness k [N/m].
     pub stiffness: f64,
-    /// Force that a strain of one exerts [N]; 0 where other terms are the scale of forces.
+    /// Force at a strain of one [N]; 0 if other terms define the scale of forces.
     pub force_scale: f64,
 }
 
@@ -149,7 +152,7 @@ impl SpringLaw for Linear {
         self.stiffness
     }
 
-    // The square needs no root.
+    // The square of the length needs no root.
     #[inline]
     fn along(&self, d: &Vector3<f64>) -> (f64, f64) {
         (0.5 * self.stiffness * d.norm_squared(), self.stiffness)
@@ -161,9 +164,9 @@ impl SpringLaw for Linear {
     }
 }
 
-/// A vector that is a linear function of `K` points: what a spring acts along.
+/// A vector that is a linear function of `K` points. A spring acts along it.
 pub trait Arm<const K: usize>: Copy + Send + Sync + 'static {
-    /// Derivative of the vector by each point.
+    /// Derivative of the vector with respect to each point.
     const WEIGHTS: [f64; K];
 
     /// The points.
@@ -172,7 +175,7 @@ pub trait Arm<const K: usize>: Copy + Send + Sync + 'static {
     /// The vector [m].
     fn vector(&self, x: &[Point3<f64>; K]) -> Vector3<f64>;
 
-    /// Change of the vector by displacements of the points [m].
+    /// Change of the vector for given displacements of the points [m].
     fn change(p: &[Vector3<f64>; K]) -> Vector3<f64>;
 }
 
@@ -199,12 +202,12 @@ impl Arm<2> for Between {
     }
 }
 
-/// From a place in space to a point.
+/// From a fixed position in space to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FromPlace {
     /// The point.
     pub point: u32,
-    /// The place [m].
+    /// The fixed position [m].
     pub place: Point3<f64>,
 }
 
@@ -227,7 +230,7 @@ impl Arm<1> for FromPlace {
     }
 }
 
-/// The displacement of the first point from its target less that of the second.
+/// The displacement of the first point from its target minus that of the second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Displacement {
     /// The points.
@@ -255,7 +258,7 @@ impl Arm<2> for Displacement {
     }
 }
 
-/// From the first point to the middle of the other two.
+/// From the first point to the midpoint of the other two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ToMiddle(pub [u32; 3]);
 
@@ -278,7 +281,7 @@ impl Arm<3> for ToMiddle {
     }
 }
 
-/// A spring: the energy of a law along a vector.
+/// A spring: a law along a vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring<A, L> {
     /// The vector.
@@ -338,10 +341,11 @@ impl<A: Arm<K>, L: SpringLaw, const K: usize> Stencil<K> for Spring<A, L> {
     }
 }
 
-/// Springs without rest length that hold points near places, see [`anchors`].
+/// Springs without rest length between points and fixed positions; see [`anchors`].
 pub type Anchors = Stencils<Spring<FromPlace, Linear>, 1>;
 
-/// Springs of `stiffness` [N/m] without rest length from places [m] to points, as the effect `name`.
+/// Springs of `stiffness` [N/m] without rest length from fixed positions [m] to points, as the
+/// effect `name`.
 pub fn anchors(
     name: &'static str,
     places: impl IntoIterator<Item = (u32, Point3<f64>)>,
@@ -364,7 +368,7 @@ mod tests {
     use crate::constraints::Potential;
     use crate::testing::Draw;
 
-    /// A law with a rest length that is pressed and stretched.
+    /// A law with a rest length: the spring can be compressed and stretched.
     #[derive(Clone, Copy)]
     struct Cubic(f64);
 
@@ -380,7 +384,7 @@ mod tests {
         }
     }
 
-    /// Greatest errors of gradient, second derivative and product by central differences.
+    /// Greatest errors of gradient, second derivative and product, from central differences.
     fn errors<A: Arm<K>, const K: usize>(arm: A, rest: f64, wrong: f64) -> [f64; 3] {
         let mut draw = Draw::new(21);
         let x: [Point3<f64>; K] = draw.shape(K).try_into().expect("as many points");

@@ -1,4 +1,5 @@
-//! Stencils: terms of an energy that depend on a few points each, and the loops over them, written once.
+//! Stencils: terms of an energy that each depend on a few points, and the loops over them, written
+//! once.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -10,8 +11,8 @@ pub type Blocks<const K: usize> = [[Matrix3<f64>; K]; K];
 
 /// A term of an energy: a function of `K` points with its first two derivatives.
 ///
-/// `None` stands for a term without energy and forces at these positions: a contact that is open, an edge without
-/// extent.
+/// `None` means a term without energy and forces at these positions, such as an open contact or an
+/// edge without extent.
 ///
 /// ```
 /// use nalgebra::{Matrix3, Point3, Vector3};
@@ -45,14 +46,14 @@ pub trait Stencil<const K: usize>: Copy + Send + Sync + 'static {
     /// The vertices it acts on.
     fn points(&self) -> [u32; K];
 
-    /// Energy [J] and its gradient by each point [N] at positions `x` [m].
+    /// Energy [J] and its gradient with respect to each point [N] at positions `x` [m].
     fn energy_and_gradient(&self, x: &[Point3<f64>; K]) -> Option<(f64, [Vector3<f64>; K])>;
 
-    /// Second derivative [N/m]; with `convex`, its nearest positive semi-definite part.
+    /// Second derivative [N/m]. With `convex`, its nearest positive semi-definite part.
     fn hessian(&self, x: &[Point3<f64>; K], convex: bool) -> Option<Blocks<K>>;
 
-    /// Entries [N/m] of a positive semi-definite matrix over the points that stands for the second derivative in every
-    /// direction of space.
+    /// Entries [N/m] of a positive semi-definite matrix over the points. The matrix approximates
+    /// the second derivative, equally in all directions of space.
     fn scalar_hessian(&self, x: &[Point3<f64>; K]) -> Option<[[f64; K]; K]>;
 
     /// Energy [J].
@@ -61,7 +62,7 @@ pub trait Stencil<const K: usize>: Copy + Send + Sync + 'static {
         self.energy_and_gradient(x).map(|(energy, _)| energy)
     }
 
-    /// Force [N] that a strain or an angle of one exerts; 0 where other terms are the scale of forces.
+    /// Force [N] at a strain or an angle of one; 0 if other terms define the scale of forces.
     fn force_scale(&self, _x: &[Point3<f64>; K]) -> f64 {
         0.0
     }

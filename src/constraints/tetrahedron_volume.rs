@@ -4,11 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Constraint, Scalar};
 
-/// Keeps the signed volume of a tetrahedron at `rest` [m^3]; value and gradient carry the same factor 1/6 (erratum
-/// A06, A07). The gradient is defined everywhere; it is zero where all four points are on one line.
+/// Keeps the signed volume of a tetrahedron at `rest` [m^3]. Value and gradient contain the same
+/// factor 1/6 (errata A06, A07). The gradient is defined everywhere. It is zero where all four
+/// points are on one line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TetrahedronVolume {
-    /// The four particles; positive volume where p2, p3, p4 turn counter-clockwise seen from outside p1.
+    /// The four particles. The volume is positive if p2, p3, p4 are in counter-clockwise order seen
+    /// from the side opposite to p1.
     pub points: [u32; 4],
     /// Rest volume [m^3].
     pub rest: f64,

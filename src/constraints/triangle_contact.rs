@@ -1,11 +1,13 @@
-//! Height of a fixed point over a moving triangle: C = n.(a - sum b_i p_i) - h; a bone vertex outside a muscle.
+//! Height of a fixed point above a moving triangle: C = n.(a - sum b_i p_i) - h, the contact of a
+//! bone vertex with a muscle.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{Constraint, Scalar};
 
-/// Height of the bone vertex `origin` [m] over the point of a triangle with barycentric `weights`, along the unit
-/// `normal` out of the muscle, less `thickness` [m]. Contact holds where C >= 0. Gradient -b_i n, everywhere.
+/// Height of the bone vertex `origin` [m] above the point of a triangle with barycentric `weights`,
+/// along the unit `normal` out of the muscle, minus `thickness` [m]. Contact holds where C >= 0.
+/// The gradient is -b_i n everywhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TriangleContact {
     /// The corners.
@@ -14,9 +16,9 @@ pub struct TriangleContact {
     pub origin: Point3<f64>,
     /// Unit normal, out of the muscle.
     pub normal: Vector3<f64>,
-    /// Barycentric weights, sum 1.
+    /// Barycentric weights with sum 1.
     pub weights: [f64; 3],
-    /// Height to be kept [m].
+    /// Least height [m].
     pub thickness: f64,
 }
 
@@ -29,7 +31,7 @@ impl Constraint<3> for TriangleContact {
     }
 
     fn value<S: Scalar>(&self, x: &[Point3<S>; 3]) -> S {
-        // Differences to the first corner, so that a translation changes no bit.
+        // Differences to the first corner: a translation changes no bit.
         let offset =
             (x[1] - x[0]) * S::of(self.weights[1]) + (x[2] - x[0]) * S::of(self.weights[2]);
         let height = self.origin.map(S::of) - x[0] - offset;

@@ -1,4 +1,4 @@
-//! A build without the feature `contact`: contacts with triangle meshes are a type that has no value.
+//! A build without the feature `contact`: the type of contacts with triangle meshes has no values.
 
 use nalgebra::Point3;
 

@@ -119,7 +119,7 @@ impl Surface {
     }
 
     /// A lower bound on the distance of a point [m] for a known distance to the surface, and a
-    /// nearer triangle if the search met one.
+    /// nearer triangle if the search finds one.
     pub fn lower_bound(&self, point: &Point3<f64>, known: f64) -> (f64, Option<u32>) {
         let p = glam(point);
         // Pruned parts are at least the best distance over SLACK away; this share of the search is

@@ -46,8 +46,8 @@ const TRIALS: [(f64, Flux); 3] = [
 const MAX_UNCOVERED: f64 = 0.12;
 /// Greatest number of failed seeds per fibre.
 const TRIES: usize = 4;
-/// A trial stops and leaves the rest to finer cells if fewer than one seed in this number succeeds,
-/// after at least this number of seeds and as many seeds as fibres.
+/// A trial stops and leaves the other fibres to finer cells if fewer than one seed in this number
+/// succeeds. It first tries at least [`SOONEST`] seeds and one seed per fibre.
 const LOST: usize = 5;
 const SOONEST: usize = 50;
 

@@ -1,23 +1,25 @@
 //! Compressed blocks of VTK XML: zlib by `miniz_oxide`, lz4 by `lz4_flex`, LZMA by `lzma-rust2`.
 //!
-//! All are in safe Rust, and none gives more than the declared size.
+//! All three are in safe Rust. None returns more than the declared size.
 
 use std::io::Read;
 
 use super::encoded::{Compressor, Fault};
 
-/// The largest number of bytes that one byte of each compression can give, by its format; LZMA has no such number.
+/// Greatest number of bytes that one byte of each compression can decompress to, by its format.
+/// LZMA has no such bound.
 const ZLIB_GAIN: u64 = 1032;
 const LZ4_GAIN: u64 = 255;
 
-/// The number of bytes that a block of lz4 gives, from the lengths of its literals and matches; `None` for a damaged one.
+/// Decompressed size of an lz4 block [bytes], from the lengths of its literals and matches; `None`
+/// for a damaged block.
 fn lz4_length(mut bytes: &[u8]) -> Option<usize> {
     let mut total = 0usize;
     loop {
         let (&token, rest) = bytes.split_first()?;
         let (literals, rest) = lz4_number(token >> 4, rest)?;
         total = total.checked_add(literals)?;
-        // The last literals have no match behind them.
+        // No match follows the last literals.
         let rest = rest.get(literals..)?;
         if rest.is_empty() {
             return Some(total);
@@ -28,7 +30,7 @@ fn lz4_length(mut bytes: &[u8]) -> Option<usize> {
     }
 }
 
-/// A number of four bits, which goes on in bytes where it is 15.
+/// A number of four bits. Further bytes follow if it is 15.
 fn lz4_number(first: u8, mut bytes: &[u8]) -> Option<(usize, &[u8])> {
     let mut number = usize::from(first);
     if first < 15 {
@@ -44,7 +46,8 @@ fn lz4_number(first: u8, mut bytes: &[u8]) -> Option<(usize, &[u8])> {
     }
 }
 
-/// Decompresses a block that is declared to have `wanted` bytes, in memory proportional to what is there.
+/// Decompresses a block with the declared size `wanted` [bytes]. The memory is proportional to the
+/// actual data.
 pub(super) fn decompress(
     compressor: Compressor,
     bytes: &[u8],
@@ -67,7 +70,8 @@ pub(super) fn decompress(
         }
         Compressor::Lz4 => {
             gain(LZ4_GAIN)?;
-            // Reserving what is declared before it is known to come would let a small file take 255 times its size.
+            // Reserving the declared size without this test would let a small file allocate 255
+            // times its size.
             if lz4_length(bytes) != Some(wanted) {
                 return Err(Fault::Expected("undamaged lz4 data of the declared size"));
             }
@@ -79,7 +83,8 @@ pub(super) fn decompress(
         }
         Compressor::Lzma => {
             let mut block = Vec::new();
-            // One byte more shows a stream that is longer than declared; its end and its check are read by then.
+            // One additional byte reveals a stream that is longer than declared. At that point its
+            // end and its checksum have been read.
             let mut stream = lzma_rust2::XzReader::new(bytes, false).take(wanted as u64 + 1);
             stream
                 .read_to_end(&mut block)
@@ -93,7 +98,7 @@ pub(super) fn decompress(
 mod tests {
     use super::*;
 
-    /// The block, which must have the declared size.
+    /// Returns the block if it has the declared size.
     fn exactly(compressor: Compressor, bytes: &[u8], wanted: usize) -> Result<Vec<u8>, Fault> {
         let block = decompress(compressor, bytes, wanted)?;
         if block.len() == wanted {
@@ -106,7 +111,7 @@ mod tests {
     /// `v I J` on 60 lines with I = i mod 7 and J = i * i mod 11, by liblzma with CRC64.
     const LINES: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x04\xe6\xd6\xb4\x46\x02\x00\x21\x01\x16\x00\x00\x00\x74\x2f\xe5\xa3\xe0\x01\x67\x00\x62\x5d\x00\x3b\x08\x02\x10\x02\x0a\x80\x54\x52\xdf\x18\xa7\x58\xa0\xb2\x40\x00\x24\xe3\x68\xe7\x50\x9d\x1f\x92\xb0\xaf\x9b\xbd\x95\xd5\x7d\x62\x16\x37\xd9\x76\x24\xa6\x4d\xdc\x7e\xdb\x3a\x49\x96\xee\x5f\x07\x7e\xa3\xfa\x60\xe2\x4b\xa3\x38\x00\x30\xce\x78\x01\xef\x87\x8d\xd2\xb6\x5d\x8d\x5a\x50\xba\xfe\xdf\xab\xfb\x1b\x9e\x80\x40\xce\x26\xc1\xb6\xb1\xf8\xf5\xb3\x09\x70\xcb\xe1\xba\x47\x82\xbd\x63\xa0\x00\x00\x00\xcc\x24\xa8\x40\x88\x05\x8d\xcf\x00\x01\x7e\xe8\x02\x00\x00\x00\xf9\xfc\xd0\x40\xb1\xc4\x67\xfb\x02\x00\x00\x00\x00\x04\x59\x5a";
 
-    /// The bytes from 0 to 39, which do not become shorter, by liblzma with CRC32.
+    /// The bytes from 0 to 39, which compression does not shorten, by liblzma with CRC32.
     const BYTES: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x01\x69\x22\xde\x36\x02\x00\x21\x01\x0c\x00\x00\x00\x8f\x98\x41\x9c\x01\x00\x27\x00\x01\x02\x03\x04\x05\x06\x07\x08\x09\x0a\x0b\x0c\x0d\x0e\x0f\x10\x11\x12\x13\x14\x15\x16\x17\x18\x19\x1a\x1b\x1c\x1d\x1e\x1f\x20\x21\x22\x23\x24\x25\x26\x27\x00\x3c\x2e\xa6\x0d\x00\x01\x3c\x28\x2e\x64\xc0\x66\x90\x42\x99\x0d\x01\x00\x00\x00\x00\x01\x59\x5a";
 
     fn lines() -> Vec<u8> {

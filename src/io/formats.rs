@@ -1,4 +1,5 @@
-//! The formats of meshes. [`FORMATS`] declares each one once: detection, reading, writing, messages and fuzzing read it.
+//! The formats of mesh files. [`FORMATS`] declares each one once. Detection, reading, writing,
+//! messages and fuzzing use it.
 
 use std::io;
 use std::path::Path;
@@ -28,7 +29,7 @@ pub enum Format {
     DirectX,
 }
 
-/// How numbers are written where a format leaves the choice (PLY, STL and legacy VTK).
+/// Encoding of numbers in a format that permits two (PLY, STL and legacy VTK).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// As bytes.
@@ -46,23 +47,26 @@ type Write = fn(&Path, &TriangleMesh, &[Vec<u32>], Encoding) -> io::Result<usize
 pub struct FormatSpec {
     /// The format.
     pub format: Format,
-    /// Its name in messages.
+    /// Name in messages.
     pub name: &'static str,
-    /// Its name in the list of what can be read; empty for a second variant of the format before it.
+    /// Name in the list of readable formats; empty for the second variant of a format.
     pub listed: &'static str,
-    /// The ending of its files, without the dot.
+    /// File name extension, without the dot.
     pub ending: &'static str,
-    /// Name of its fuzz target, of its dictionary and of its seeds.
+    /// Name of its fuzz target, of the dictionary and of the seeds.
     pub target: &'static str,
-    /// How its files begin; fuzzing puts the last of these before other bytes, so that they reach this reader.
+    /// Possible beginnings of a file. Fuzzing puts the last one before other bytes, so that they
+    /// reach this reader.
     pub starts: &'static [&'static [u8]],
-    /// The smallest file of a triangle; empty where code makes one.
+    /// The smallest file with a triangle; empty if code generates one.
     pub sample: &'static [u8],
-    /// Whether a file begins as its files do.
+    /// Whether a file begins like a file of this format.
     pub(super) detect: fn(&Head<'_>) -> bool,
-    /// Whether a file that begins as no format does may be one if its ending says so.
+    /// Whether a file whose beginning matches no format can have this format, if its extension is
+    /// that of the format.
     pub(super) is_possible: fn(&[u8]) -> bool,
-    /// Reads the bytes of a file with a name, of which compressed arrays give at most a number of bytes.
+    /// Reads the bytes of a file with the given name. Compressed arrays may decompress to at most
+    /// the given number of bytes.
     pub(super) read: fn(&[u8], &str, u64) -> Result<MeshFile, ReadError>,
     /// `None` for a format that is read only.
     pub(super) write: Option<Write>,
@@ -92,7 +96,8 @@ impl<'a> Head<'a> {
         starts.iter().any(|start| self.text.starts_with(start))
     }
 
-    /// A text has no zero byte; binary STL whose size is wrong has them in its header or its first normal.
+    /// A text file has no zero byte. A binary STL file with a wrong size has one in its header or
+    /// its first normal.
     fn has_zero(&self) -> bool {
         self.bytes[..self.bytes.len().min(256)].contains(&0)
     }
@@ -102,8 +107,8 @@ impl<'a> Head<'a> {
     }
 }
 
-/// Every format, in the order of messages. A file is compared with them from the last to the first, since OBJ has no first
-/// word of its own.
+/// Every format, in the order of messages. Detection compares a file with them from the last to the
+/// first, because an OBJ file has no characteristic first word.
 pub static FORMATS: [FormatSpec; 8] = [
     FormatSpec {
         format: Format::Obj,
@@ -242,7 +247,7 @@ pub static FORMATS: [FormatSpec; 8] = [
 ];
 
 impl FormatSpec {
-    /// Whether meshes can be written in the format.
+    /// Whether meshes can be written in this format.
     #[must_use]
     pub fn is_written(&self) -> bool {
         self.write.is_some()
@@ -250,7 +255,7 @@ impl FormatSpec {
 }
 
 impl Format {
-    /// Its declaration.
+    /// The declaration of this format.
     #[must_use]
     pub fn spec(self) -> &'static FormatSpec {
         FORMATS
@@ -259,13 +264,14 @@ impl Format {
             .unwrap_or(&FORMATS[0])
     }
 
-    /// Its name in messages.
+    /// Name in messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         self.spec().name
     }
 
-    /// The format that the ending of a file name promises; `.stl` leaves open which of the two it is.
+    /// The format for the extension of a file name. `.stl` does not determine which of the two
+    /// variants it is.
     pub(super) fn from_name(name: &str) -> Option<Self> {
         let ending = Path::new(name).extension()?.to_string_lossy();
         FORMATS
@@ -275,7 +281,7 @@ impl Format {
     }
 }
 
-/// The formats that can be read, for messages.
+/// The readable formats, for messages.
 pub(super) fn readable() -> String {
     let names: Vec<&str> = FORMATS
         .iter()
@@ -286,7 +292,7 @@ pub(super) fn readable() -> String {
     format!("{} and {last} can be read", first.join(", "))
 }
 
-/// The endings of the formats that can be written, for messages.
+/// The extensions of the writable formats, for messages.
 #[must_use]
 pub fn writable() -> String {
     let mut endings = Vec::new();

@@ -213,7 +213,8 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     }
     let head = Head::of(bytes);
     let of_content = FORMATS.iter().rev().find(|spec| (spec.detect)(&head));
-    // A format with a first word of its own comes before what is known but not read; OBJ has none.
+    // A format with a characteristic first word precedes known formats that cannot be read; OBJ has
+    // no such word.
     if let Some(spec) = of_content.filter(|spec| spec.format != Format::Obj) {
         return Ok(spec.format);
     }

@@ -99,10 +99,10 @@ pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneErro
     load_with(name_or_path, overrides, no_variables)
 }
 
-/// As [`load`], with variables that paths may begin with.
+/// The same as [`load`], with variables at the start of paths.
 ///
 /// # Errors
-/// As [`load`].
+/// Those of [`load`].
 pub fn load_with(
     name_or_path: &str,
     overrides: &[String],
@@ -130,10 +130,10 @@ pub fn load_content(name_or_path: &str, overrides: &[String]) -> Result<Content,
     load_content_with(name_or_path, overrides, no_variables)
 }
 
-/// As [`load_content`], with variables that paths may begin with.
+/// The same as [`load_content`], with variables at the start of paths.
 ///
 /// # Errors
-/// As [`load`].
+/// Those of [`load`].
 pub fn load_content_with(
     name_or_path: &str,
     overrides: &[String],

@@ -1,5 +1,6 @@
-//! The effects. [`EFFECTS`] declares each one once: scene files, overrides, panel and scenes made of meshes alone read the
-//! table. How an effect is planned, what it costs and what it builds stands in `crate::simulation::effects`.
+//! The effects. [`EFFECTS`] declares each one once. Scene files, overrides, the panel and scenes
+//! from meshes alone read the table. `crate::simulation::effects` declares the plan, the cost and
+//! the constraints of an effect.
 
 use nalgebra::Vector3;
 
@@ -7,7 +8,7 @@ use super::keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
 use super::schema::Schema;
 use super::units::Dimension;
 
-/// What acts in a scene.
+/// The effects of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Effects {
     /// Edges resist a change of length (material constant `stretch`).
@@ -54,7 +55,7 @@ pub struct ContactEffect {
 /// Material constants of a surface muscle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
-    /// What the mass comes from.
+    /// Source of the mass.
     pub mass: Mass,
     /// In-plane stiffness of the surface [N/m]; zero leaves the effect out.
     pub stretch: f64,
@@ -65,7 +66,7 @@ pub struct Material {
 }
 
 impl Default for Material {
-    /// Muscle of 1060 kg/m^3 that is incompressible.
+    /// An incompressible muscle of 1060 kg/m^3.
     fn default() -> Self {
         Self {
             mass: Mass::Density(1060.0),
@@ -76,7 +77,7 @@ impl Default for Material {
     }
 }
 
-/// What the mass of a vertex comes from.
+/// Source of the mass of a vertex.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mass {
     /// Density of the enclosed volume [kg/m^3], shared among vertices by area.
@@ -90,13 +91,13 @@ pub enum Mass {
 pub struct EffectSpec {
     /// The key of its section below `[effects]`.
     pub key: &'static str,
-    /// One sentence about it.
+    /// Description in one sentence.
     pub help: &'static str,
     /// The keys of its section.
     pub keys: &'static [KeySpec],
     /// The constant of a muscle's material that gives its stiffness.
     pub material: Option<MaterialSpec>,
-    /// The text of its section in a scene made of meshes alone; `None` leaves it out there.
+    /// The text of its section in a scene from meshes alone; `None` leaves the effect out.
     pub usual: Option<&'static str>,
     pub(super) schema: Schema,
     values: fn(&Effects) -> Option<Vec<KeyValue>>,
@@ -106,7 +107,7 @@ pub struct EffectSpec {
 /// The declaration of a material constant.
 #[derive(Debug)]
 pub struct MaterialSpec {
-    /// Its key below `[muscle.material]`.
+    /// The key below `[muscle.material]`.
     pub key: KeySpec,
     value: fn(&Material) -> Option<f64>,
     set: fn(&mut Material, f64),
@@ -338,7 +339,7 @@ impl EffectSpec {
 }
 
 impl MaterialSpec {
-    /// Its value in SI units; `None` if the material has none.
+    /// The value in SI units; `None` if the material has none.
     #[must_use]
     pub fn value(&self, material: &Material) -> Option<f64> {
         (self.value)(material)
@@ -378,7 +379,7 @@ mod tests {
                 .collect();
             assert_eq!(on, [spec.key]);
             assert_eq!(spec.values(&effects), Some(values));
-            // Control: one value too many is not taken.
+            // Control: one value too many is ignored.
             if !spec.keys.is_empty() {
                 let mut none = Effects::default();
                 spec.set(&mut none, &[KeyValue::Whole(1)]);

@@ -1,5 +1,5 @@
-//! The encoding of scenes. A structure is taken apart field by field: a field that is added does not compile here until
-//! it is encoded or left out on purpose.
+//! The encoding of scenes. Each structure is destructured field by field. A new field does not
+//! compile here until it is encoded or excluded explicitly.
 
 use super::content::{Ball, Filled, LatticeScene, Obstacle, Skin, SkinScene, SkinSurface, Under};
 use super::effects::{EFFECTS, material_constants};

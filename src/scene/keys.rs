@@ -1,4 +1,5 @@
-//! The keys of effects and solvers. Schema, reader, help and panel come from one declaration of each key.
+//! The keys of effects and solvers. One declaration of each key defines schema, reader, help and
+//! panel.
 
 use std::fmt;
 
@@ -11,7 +12,7 @@ use super::schema::Kind;
 use super::units::Dimension;
 use crate::constraints::Order;
 
-/// What a number of a scene must be, besides finite.
+/// The permitted range of a number in a scene. Every number must be finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// Any number.
@@ -48,7 +49,7 @@ impl fmt::Display for KeyValue {
     }
 }
 
-/// What a key holds.
+/// The type of a key's value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum KeyKind {
     /// A plain number.
@@ -63,21 +64,22 @@ pub enum KeyKind {
     Order,
 }
 
-/// The range over which a panel changes a number, in the unit of the panel.
+/// The range of a slider of a panel, in the unit of the panel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Slider {
-    /// Between two numbers, evenly.
+    /// Between two numbers, on a linear scale.
     Even(f64, f64),
-    /// Between two positive numbers, by factors.
+    /// Between two positive numbers, on a logarithmic scale.
     Factors(f64, f64),
-    /// From a `span`th to `span` times the value at the start; from 0 to `otherwise` if that value is not positive.
+    /// From 1/`span` to `span` times the value at the start. From 0 to `otherwise` if that value is
+    /// not positive.
     About {
         /// Greatest factor.
         span: f64,
-        /// Upper end if the value at the start is zero.
+        /// Upper end if the value at the start is not positive.
         otherwise: f64,
     },
-    /// From 0 to `span` times the value at the start, and to `least` at least.
+    /// From 0 to `span` times the value at the start, and at least to `least`.
     UpTo {
         /// Greatest factor.
         span: f64,
@@ -89,26 +91,26 @@ pub enum Slider {
 /// The declaration of a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KeySpec {
-    /// Its name in a scene file.
+    /// Name in a scene file.
     pub key: &'static str,
-    /// Its name in a panel.
+    /// Name in a panel.
     pub label: &'static str,
-    /// One sentence about it.
+    /// Description in one sentence.
     pub help: &'static str,
-    /// What it holds.
+    /// Type of the value.
     pub kind: KeyKind,
-    /// The value of an absent key; `None` if the key must be there.
+    /// The value of an absent key; `None` for a required key.
     pub default: Option<KeyValue>,
-    /// A value as a scene file has it, for the message about a missing key.
+    /// An example value as in a scene file, for the message about a missing key.
     pub example: &'static str,
-    /// The unit of a panel and how many of it make the SI unit.
+    /// The unit of a panel, and the number of these units in one SI unit.
     pub unit: (&'static str, f64),
-    /// The range of a panel.
+    /// The slider of a panel.
     pub slider: Slider,
 }
 
 impl KeySpec {
-    /// A key that must be there, with the slider from 0 to 1.
+    /// A required key with a slider from 0 to 1.
     pub(super) const fn new(key: &'static str, kind: KeyKind, help: &'static str) -> Self {
         Self {
             key,
@@ -142,13 +144,13 @@ impl KeySpec {
         self
     }
 
-    /// `per_si` of the `unit` make the SI unit.
+    /// Shows the value in `unit`; one SI unit has `per_si` of them.
     pub(super) const fn shown_in(mut self, unit: &'static str, per_si: f64) -> Self {
         self.unit = (unit, per_si);
         self
     }
 
-    /// What the schema says about it.
+    /// The entry of the schema.
     pub(super) fn schema(&self) -> Kind {
         match self.kind {
             KeyKind::Quantity(..) | KeyKind::Order => Kind::Text,
@@ -156,10 +158,10 @@ impl KeySpec {
         }
     }
 
-    /// Its value in a section, or the `default` if the key is absent.
+    /// The value in a section, or the `default` if the key is absent.
     ///
     /// # Errors
-    /// A value of another type or outside of the limit; an absent key without a default.
+    /// The value has another type or is outside of the limit; a required key is absent.
     pub(super) fn read(
         &self,
         section: &Section<'_>,
@@ -175,7 +177,7 @@ impl KeySpec {
     /// The value of an item.
     ///
     /// # Errors
-    /// A value of another type or outside of the limit.
+    /// The value has another type or is outside of the limit.
     pub(super) fn value(&self, item: &Item<'_>) -> Result<KeyValue, SceneError> {
         Ok(match self.kind {
             KeyKind::Number(limit) => KeyValue::Number(item.number(limit)?),
@@ -201,7 +203,7 @@ impl KeySpec {
 /// The values of several keys of a section.
 ///
 /// # Errors
-/// As for the first key that cannot be read.
+/// The error of the first key that cannot be read.
 pub(super) fn read(keys: &[KeySpec], section: &Section<'_>) -> Result<Vec<KeyValue>, SceneError> {
     keys.iter()
         .map(|key| key.read(section, key.default))

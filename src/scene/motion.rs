@@ -390,7 +390,8 @@ mod tests {
     }
 
     proptest! {
-        /// Parts of a screw follow one another: `screw(a + b) = screw(a) screw(b)`, and the whole is the pose.
+        /// Screws along one axis add up: `screw(a + b) = screw(a) screw(b)`, and the whole screw is
+        /// the pose.
         #[test]
         fn parts_of_a_screw_add_up(
             angle in -3.1..3.1_f64, turn in 0.0..1.0_f64, rest in 0.0..1.0_f64,

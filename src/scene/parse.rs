@@ -38,15 +38,14 @@ const LONGEST_NAME: usize = 100;
 pub struct Surroundings<'a> {
     /// Folder of the scene file: relative paths start here and stay here.
     pub folder: &'a Path,
-    /// Value of a variable at the start of a path, normally
-    /// [`paths::environment`](super::environment).
+    /// Value of a variable at the start of a path; see [`Variables`](super::Variables).
     pub variable: &'a dyn Fn(&str) -> Option<OsString>,
     /// Overrides `path.key=value`, applied in order before the checks.
     pub overrides: &'a [String],
 }
 
 impl<'a> Surroundings<'a> {
-    /// A folder, the environment variables, no overrides.
+    /// A folder, no variables, no overrides.
     #[must_use]
     pub fn of(folder: &'a Path) -> Self {
         Self {
@@ -60,7 +59,7 @@ impl<'a> Surroundings<'a> {
 /// Reads and checks a scene. `name` appears in messages; `folder` is the start of relative paths.
 ///
 /// # Errors
-/// The first error with its place; see [`Problem`].
+/// The first error with its location; see [`Problem`].
 ///
 /// ```
 /// let text = "
@@ -84,7 +83,7 @@ pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Scene, SceneError>
 /// The same as [`parse`] with overrides and other variables.
 ///
 /// # Errors
-/// The first error with its place; see [`Problem`]. A scene without muscles is an error.
+/// The first error with its location; see [`Problem`]. A scene without muscles is an error.
 pub fn parse_with(
     text: &str,
     name: &str,
@@ -99,7 +98,7 @@ pub fn parse_with(
 /// The same as [`parse_with`] for a scene of any kind.
 ///
 /// # Errors
-/// The first error with its place; see [`Problem`].
+/// The first error with its location; see [`Problem`].
 pub fn parse_content(
     text: &str,
     name: &str,
@@ -387,7 +386,7 @@ pub(super) fn file(item: &Item<'_>, section: &Section<'_>) -> Result<Source, Sce
     file_at(text, item, section)
 }
 
-/// The same as [`file`] where the path is only a part of the value.
+/// The same as [`file`], for a path that is only a part of the value.
 pub(super) fn file_at(
     text: &str,
     item: &Item<'_>,

@@ -7,11 +7,11 @@ use std::path::{Component, Path, PathBuf};
 use super::error::Problem;
 use super::spelling::{shown, shown_path};
 
-/// Value of a variable that a path of a scene may begin with. The library reads no environment: its caller says what a
-/// variable means.
+/// Value of a variable at the start of a path in a scene. The library reads no environment; its
+/// caller provides the values.
 pub type Variables = fn(&str) -> Option<OsString>;
 
-/// Knows no variable.
+/// Defines no variables.
 #[must_use]
 pub fn no_variables(_: &str) -> Option<OsString> {
     None
@@ -60,7 +60,7 @@ fn with_variable(
         None => rest.split_at(rest.find('/').unwrap_or(rest.len())),
     };
     let word = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-    // A request to the system for a name with `=` or NUL would be another kind of error.
+    // A name with `=` or NUL would cause another kind of error in the system.
     let value = if word { variable(name) } else { None };
     let Some(value) = value else {
         return Err(Problem::UnsetVariable { name: shown(name) });
@@ -78,7 +78,8 @@ fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
         match part {
             Component::Normal(name) => parts.push(name),
             Component::CurDir => {}
-            // Removed here and not by the system, where `link/..` can lie elsewhere.
+            // `..` is resolved here and not by the system, for which `link/..` can be another
+            // folder.
             Component::ParentDir => {
                 parts.pop().ok_or_else(outside)?;
             }

@@ -1,5 +1,5 @@
-//! The solvers. [`SOLVERS`] declares each one once: scene files, overrides, panel, reports and the candidates of an
-//! accuracy study read the table.
+//! The solvers. [`SOLVERS`] declares each one once. Scene files, overrides, the panel, reports and
+//! the candidates of an accuracy study read the table.
 
 use super::keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
 use super::schema::Schema;
@@ -21,9 +21,9 @@ pub enum Solver {
 /// Settings of small-step XPBD.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Xpbd {
-    /// Steps a frame.
+    /// Steps per frame.
     pub substeps: u32,
-    /// Sweeps a step.
+    /// Sweeps per step.
     pub iterations: u32,
     /// Order of a sweep.
     pub order: Order,
@@ -34,9 +34,9 @@ pub struct Xpbd {
 /// Settings of classic PBD.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pbd {
-    /// Steps a frame.
+    /// Steps per frame.
     pub substeps: u32,
-    /// Sweeps a step.
+    /// Sweeps per step.
     pub iterations: u32,
     /// Stiffness of edges, 0..1.
     pub stretch: f64,
@@ -44,7 +44,7 @@ pub struct Pbd {
     pub bending: f64,
     /// Stiffness of the volume, 0..1.
     pub volume: f64,
-    /// Factor on velocities each frame, 0..1.
+    /// Factor on velocities in each frame, 0..1.
     pub velocity_damping: f64,
     /// Order of a sweep.
     pub order: Order,
@@ -55,24 +55,25 @@ pub struct Pbd {
 /// Settings of the solvers that minimise an energy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Minimisation {
-    /// Steps a frame, the bones moving between them.
+    /// Steps per frame. The bones move between them.
     pub substeps: u32,
-    /// Iterations a step, at most.
+    /// Greatest number of iterations per step.
     pub iterations: u32,
-    /// Largest force left, as a share of that of a strain of one, at which a frame counts as converged.
+    /// Largest residual force at which a frame counts as converged, relative to the force at a
+    /// strain of one.
     pub tolerance: f64,
 }
 
-/// What a solver answers.
+/// The problem that a solver solves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Question {
-    /// Where the muscles are at each time, mass and damping included.
+    /// The motion of the muscles in time, with mass and damping.
     Motion,
-    /// Where they come to rest at each pose of the bones.
+    /// The equilibrium of the muscles at each pose of the bones.
     Equilibrium,
 }
 
-/// A setting of a solver, to be read and changed.
+/// A mutable setting of a solver.
 enum Setting<'a> {
     Number(&'a mut f64),
     Whole(&'a mut u32),
@@ -88,7 +89,7 @@ impl Setting<'_> {
         }
     }
 
-    /// Takes a value of its own kind.
+    /// Sets the value if it has the right type.
     fn set(self, value: KeyValue) {
         match (self, value) {
             (Self::Number(to), KeyValue::Number(number)) => *to = number,
@@ -102,22 +103,23 @@ impl Setting<'_> {
 /// The declaration of a solver.
 #[derive(Debug)]
 pub struct SolverSpec {
-    /// The key of its section in a scene file.
+    /// Key of the section in a scene file.
     pub key: &'static str,
-    /// Its name in reports.
+    /// Name in reports.
     pub name: &'static str,
-    /// One sentence about it.
+    /// Description in one sentence.
     pub help: &'static str,
-    /// Its settings.
+    /// Settings.
     pub keys: &'static [KeySpec],
     /// The solver with its default settings.
     pub default: Solver,
-    /// What it answers; `None` for a solver that minimises no energy.
+    /// The problem that the solver solves; `None` for a solver that minimises no energy.
     pub question: Option<Question>,
     pub(super) schema: Schema,
     /// The settings of `keys`; `None` for another solver.
     settings: fn(&mut Solver) -> Option<Vec<Setting<'_>>>,
-    /// Settings that an accuracy study tries, the cheap ones first, for a scene with the given solver.
+    /// Settings that an accuracy study compares for a scene with the given solver, the cheap ones
+    /// first.
     candidates: fn(&Solver) -> Vec<Solver>,
 }
 
@@ -209,14 +211,14 @@ pub static SOLVERS: [SolverSpec; 4] = [
     },
 ];
 
-/// Iterations that are enough for any tolerance.
+/// A number of iterations that suffices for any tolerance.
 pub const ENOUGH_ITERATIONS: u32 = 500;
 
 /// Largest relative residual of a frame that counts as converged.
 const RESIDUAL: f64 = 0.01;
 
-/// The largest force left is a share of that of a strain of one. At this share the error of a pose is about a thousandth
-/// of a muscle's length.
+/// The tolerance of the residual force is relative to the force at a strain of one. With this
+/// tolerance the error of a pose is about a thousandth of a muscle's length.
 const TO_TOLERANCE: Minimisation = Minimisation {
     substeps: 1,
     iterations: ENOUGH_ITERATIONS,
@@ -225,7 +227,7 @@ const TO_TOLERANCE: Minimisation = Minimisation {
 
 const XPBD: &[KeySpec] = &[substeps(200), sweeps(), tolerance(), order()];
 
-/// A stiffness has the key of its effect, see [`Solver::share`].
+/// The key of a stiffness is the key of its effect; see [`Solver::share`].
 const PBD: &[KeySpec] = &[
     substeps(200),
     sweeps(),
@@ -239,7 +241,7 @@ const PBD: &[KeySpec] = &[
 
 const MINIMISATION: &[KeySpec] = &[substeps(20), iterations(), tolerance()];
 
-/// Steps a frame and iterations a step are at most this many.
+/// Greatest number of steps per frame and of iterations per step.
 const MOST: u32 = 1_000_000;
 
 const fn substeps(most: u32) -> KeySpec {
@@ -307,7 +309,7 @@ impl Default for Solver {
 }
 
 impl Solver {
-    /// Its declaration.
+    /// The declaration of this solver.
     #[must_use]
     pub fn spec(&self) -> &'static SolverSpec {
         SOLVERS
@@ -316,7 +318,7 @@ impl Solver {
             .unwrap_or(&SOLVERS[0])
     }
 
-    /// Its settings.
+    /// The settings of this solver.
     #[must_use]
     pub fn settings(&self) -> Vec<(&'static KeySpec, KeyValue)> {
         let spec = self.spec();
@@ -324,7 +326,7 @@ impl Solver {
         spec.keys.iter().zip(values).collect()
     }
 
-    /// Steps a frame.
+    /// Steps per frame.
     #[must_use]
     pub fn substeps(&self) -> u32 {
         match self {
@@ -334,7 +336,7 @@ impl Solver {
         }
     }
 
-    /// Sweeps or iterations a step, at most.
+    /// Greatest number of sweeps or iterations per step.
     #[must_use]
     pub fn iterations(&self) -> u32 {
         match self {
@@ -374,7 +376,8 @@ impl Solver {
         }
     }
 
-    /// The settings of a solver that minimises an energy; `None` for a solver that sweeps over constraints.
+    /// The settings of a solver that minimises an energy; `None` for a solver that sweeps over
+    /// constraints.
     #[must_use]
     pub fn minimisation(&self) -> Option<Minimisation> {
         match *self {
@@ -389,13 +392,14 @@ impl Solver {
         self.question() != Some(Question::Equilibrium)
     }
 
-    /// What it answers; `None` for a solver that minimises no energy.
+    /// The problem that this solver solves; `None` for a solver that minimises no energy.
     #[must_use]
     pub fn question(&self) -> Option<Question> {
         self.spec().question
     }
 
-    /// The stiffness 0..1 of an effect by its key; `None` for a solver that takes the stiffness of the material.
+    /// The stiffness 0..1 of the effect with a key; `None` for a solver that uses the stiffness of
+    /// the material.
     #[must_use]
     pub fn share(&self, effect: &str) -> Option<f64> {
         self.settings()
@@ -406,7 +410,7 @@ impl Solver {
             })
     }
 
-    /// The factor on velocities each frame that belongs to the solver itself; `None` for a solver without one.
+    /// The solver's own factor on velocities in each frame; `None` for a solver without one.
     #[must_use]
     pub fn velocity_damping(&self) -> Option<f64> {
         self.share("velocity_damping")
@@ -414,13 +418,13 @@ impl Solver {
 }
 
 impl Question {
-    /// What `solver` answers; `None` for a solver that minimises no energy.
+    /// The problem that `solver` solves; `None` for a solver that minimises no energy.
     #[must_use]
     pub fn of(solver: &Solver) -> Option<Self> {
         solver.question()
     }
 
-    /// The solver that answers it by minimising an energy to a tolerance.
+    /// The solver for this problem that minimises an energy to a tolerance.
     #[must_use]
     pub fn minimised(self, substeps: u32, tolerance: f64) -> Solver {
         let settings = Minimisation {
@@ -445,7 +449,7 @@ impl Minimisation {
     }
 }
 
-/// Settings of every solver that an accuracy study tries for a scene with the given solver.
+/// Settings of every solver that an accuracy study compares for a scene with the given solver.
 #[must_use]
 pub fn candidates(solver: &Solver) -> Vec<Solver> {
     SOLVERS
@@ -477,7 +481,8 @@ fn small_steps(solver: &Solver) -> Vec<Solver> {
     all
 }
 
-/// Limited iterations follow a moving bone at a fixed price; a tolerance, at a fixed accuracy.
+/// With limited iterations, the muscles follow a moving bone at a fixed cost. With a tolerance,
+/// they follow at a fixed accuracy.
 fn equilibria(_: &Solver) -> Vec<Solver> {
     let mut all = Vec::new();
     for iterations in [1, 2, 4, 8] {
@@ -523,7 +528,7 @@ mod tests {
             let other = spec.with(&others);
             assert_eq!(spec.values(&other), Some(others), "{}", spec.key);
             assert!(std::ptr::eq(other.spec(), spec), "{}", spec.key);
-            // Control: values of other kinds change nothing, which the comparison above would show.
+            // Control: values of other types change nothing; the comparison above would show it.
             let vectors = vec![KeyValue::Vector(nalgebra::Vector3::zeros()); values.len()];
             assert_eq!(spec.with(&vectors), spec.default, "{}", spec.key);
             for candidate in (spec.candidates)(&SOLVERS[1].default) {

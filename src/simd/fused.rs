@@ -1,8 +1,10 @@
-//! Numbers in lanes whose multiply-add is fused, in single or double precision, for the kernels of lattices.
+//! Numbers in lanes with fused multiply-add, in single or double precision, for the kernels of
+//! lattices.
 //!
-//! Every operation is one of IEEE 754, rounded once, or acts on bits, and multiply-add is fused at every width: so all
-//! widths leave the same bits. The reciprocal root is computed of such operations from a guess by bits: square roots and
-//! divisions of the processor would take most of a step, and its own approximations differ from maker to maker.
+//! Every operation is one of IEEE 754, rounded once, or acts on bits. Multiply-add is fused at
+//! every width. Therefore all widths give the same bits. The reciprocal root is computed by such
+//! operations from a first guess by bits. Square roots and divisions of the processor would take
+//! most of the time of a step. Its own approximations differ between manufacturers.
 
 #[cfg(target_arch = "x86_64")]
 use super::x86;
@@ -10,12 +12,12 @@ use super::{Register, SimdWidth};
 
 /// Numbers in lanes with a fused multiply-add and a reciprocal root.
 pub trait FusedLane<F>: Register<F> {
-    /// As many numbers as there are lanes.
+    /// An array with one number per lane.
     type Chunk: Copy;
 
-    /// A slice as chunks; what does not fill one is left out.
+    /// A slice as chunks, without the numbers that do not fill a chunk.
     fn chunks(of: &[F]) -> &[Self::Chunk];
-    /// The same to be written.
+    /// The same as [`Self::chunks`], mutable.
     fn chunks_mut(of: &mut [F]) -> &mut [Self::Chunk];
     /// The numbers of chunks.
     fn numbers(of: &[Self::Chunk]) -> &[F];
@@ -27,13 +29,15 @@ pub trait FusedLane<F>: Register<F> {
     fn mul_add(self, by: Self, plus: Self) -> Self;
     /// `from - self * by`, rounded once.
     fn mul_sub_from(self, by: Self, from: Self) -> Self;
-    /// The larger number, `self` where they cannot be compared.
+    /// The larger number; `self` where they cannot be compared.
     fn max(self, other: Self) -> Self;
-    /// One over the square root by the halved bits, within 3.5 %; a large number for zero.
+    /// A first guess of one over the square root from the halved bits, within 3.5 %; a large number
+    /// for zero.
     fn root_guess(self) -> Self;
-    /// Lane `l` from lane `l - 1`, the first from the last of `before`.
+    /// Lane `l` from lane `l - 1`; the first lane from the last lane of `before`.
     fn moved_up(self, before: Self) -> Self;
-    /// One over the square root within [`Number::ROOT_ERROR`]; for zero a large number, never infinity.
+    /// One over the square root within [`Number::ROOT_ERROR`]. For zero the result is a large
+    /// number, never infinity.
     fn reciprocal_root(self, machine: Self::Machine) -> Self;
 }
 
@@ -43,32 +47,34 @@ mod sealed {
     impl Sealed for f64 {}
 }
 
-/// What a lattice computes with: `f32` or `f64`.
+/// The type of the numbers of a lattice: `f32` or `f64`.
 pub trait Number:
     sealed::Sealed + Copy + Default + Send + Sync + PartialOrd + std::fmt::Debug + 'static
 {
-    /// Rows are filled up to a multiple of this: the lanes of the widest register.
+    /// The length of a row is rounded up to a multiple of this: the number of lanes of the widest
+    /// register.
     const ROW: usize;
     /// Bound of the relative error of [`FusedLane::reciprocal_root`].
     const ROOT_ERROR: f64;
-    /// Rounded to this precision.
+    /// The value rounded to this precision.
     fn from_f64(value: f64) -> Self;
-    /// Exact.
+    /// The exact value.
     fn to_f64(self) -> f64;
-    /// Does work with lanes of the given width, or of the next smaller one that the processor has.
+    /// Runs work with lanes of the given width, or of the next smaller width that the processor
+    /// has.
     fn in_lanes<W: FusedWork<Self>>(width: SimdWidth, work: W) -> W::Output;
 }
 
-/// Work that can be done with lanes of any number.
+/// Work for any number of lanes.
 pub trait FusedWork<F> {
-    /// What it gives.
+    /// The result.
     type Output;
-    /// Does it.
+    /// Runs the work.
     fn run<L: FusedLane<F>>(self, machine: L::Machine) -> Self::Output;
 }
 
-/// `y` becomes `y (1 + e (c1 + e (c2 + ...)))` with `e = 1 - q y^2`: the series of the reciprocal root, or what is nearest to it
-/// over the errors of the guess.
+/// Replaces `y` by `y (1 + e (c1 + e (c2 + ...)))` with `e = 1 - q y^2`. The coefficients are those
+/// of the series of the reciprocal root, or of its best approximation over the errors of the guess.
 macro_rules! refine {
     ($machine:ident, $number:ty, $q:ident, $y:ident, $($c:expr),+) => {{
         let e = ($q * $y).mul_sub_from($y, <Self as Register<$number>>::splat($machine, 1.0));
@@ -80,7 +86,8 @@ macro_rules! refine {
     };
 }
 
-/// The polynomial of fourth degree that comes nearest to `(1 - e)^(-1/2)` over the errors of the guess, 1 at 0: to 2.3e-8.
+/// The polynomial of degree four that best approximates `(1 - e)^(-1/2)` over the errors of the
+/// guess, 1 at 0, within 2.3e-8.
 macro_rules! single_root {
     () => {
         #[inline(always)]
@@ -100,7 +107,7 @@ macro_rules! single_root {
     };
 }
 
-/// That of third degree, to 1.1e-6, and then three terms of the series: to 1e-17.
+/// The polynomial of degree three, within 1.1e-6, and then three terms of the series, within 1e-17.
 macro_rules! double_root {
     () => {
         #[inline(always)]
@@ -113,7 +120,8 @@ macro_rules! double_root {
 }
 pub(super) use {double_root, refine, single_root};
 
-/// Minus half of these bits, read as a number, is a guess of one over the square root.
+/// This constant minus half of the bits of a number, read as a number, is a guess of one over the
+/// square root.
 pub(super) const MAGIC_32: u32 = 0x5f37_5a86;
 pub(super) const MAGIC_64: u64 = 0x5fe6_eb50_c7b5_37a9;
 
@@ -199,7 +207,8 @@ macro_rules! number {
                     }
                     if let Some(machine) = pulp::x86::V3::try_new() {
                         if width == SimdWidth::One {
-                            // Compiled for the fused multiply-add of the processor, else each would be a call.
+                            // Compiled for the fused multiply-add of the processor; otherwise each
+                            // multiply-add would be a call.
                             return machine.vectorize(x86::Fused::<$number, $number, _>((), work));
                         }
                         return machine
@@ -219,7 +228,7 @@ number!(f64, 8, 3e-16, F64x8, F64x4);
 mod tests {
     use super::*;
 
-    /// Roots of all numbers of a list, with one number at a time or several.
+    /// Reciprocal roots of all numbers of a list, with one number at a time or several.
     struct Roots<'a, F>(&'a [F]);
 
     impl<F: Number> FusedWork<F> for Roots<'_, F> {
@@ -235,7 +244,8 @@ mod tests {
         }
     }
 
-    /// The largest relative error over many numbers of all sizes, and whether all widths give the same bits.
+    /// The largest relative error over many numbers of all sizes. Asserts that all widths give the
+    /// same bits.
     fn roots<F: Number>(sizes: i32) -> f64 {
         let sixteenths = |k: i32| 2f64.powf(f64::from(k) / 64.0 * 1.000_731);
         let numbers: Vec<F> = (-64 * sizes..64 * sizes)
@@ -268,7 +278,7 @@ mod tests {
             double > 0.0 && double <= f64::ROOT_ERROR + 3.0 * f64::EPSILON / 2.0,
             "{double:e}"
         );
-        // One step less would not do.
+        // One step fewer would not suffice.
         let guess = 3f32.root_guess() * 3f32.sqrt() - 1.0;
         assert!(
             guess.abs() > 100.0 * f32::ROOT_ERROR as f32 && guess.abs() <= 0.035,

@@ -1,9 +1,12 @@
-//! Several numbers at once in the lanes of a vector register, chosen at run time, by the registers of `pulp`.
+//! Several numbers at once in the lanes of a vector register of `pulp`, with the width chosen at
+//! run time.
 //!
 //! There are two contracts, each with the same bits at every width:
 //!
-//! * [`Lane`], for constraints: the operations of IEEE 754 alone, each rounded once, none fused. One lane is plain `f64`.
-//! * [`FusedLane`], for lattices: multiply-add is fused at every width, and the reciprocal root is the module's own.
+//! * [`Lane`], for constraints: only the operations of IEEE 754, each rounded once, none fused. One
+//!   lane is plain `f64`.
+//! * [`FusedLane`], for lattices: multiply-add is fused at every width, and the module computes
+//!   the reciprocal root itself.
 
 mod fused;
 #[cfg(target_arch = "x86_64")]
@@ -16,7 +19,7 @@ pub use fused::{FusedLane, FusedWork, Number};
 
 use crate::particles::Slot;
 
-/// One number or several side by side, computed in step: each operation acts in every lane.
+/// One number or several side by side. Each operation acts on every lane.
 pub trait Register<F>: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// Proof that the processor has these lanes.
     type Machine: Copy + Send + Sync;
@@ -24,16 +27,17 @@ pub trait Register<F>: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Outp
     fn splat(machine: Self::Machine, value: F) -> Self;
 }
 
-/// Double precision numbers in lanes, no operation fused: every number of lanes gives the bits of plain `f64`.
+/// Double precision numbers in lanes without fused operations: any number of lanes gives the bits
+/// of plain `f64`.
 pub trait Lane: Register<f64> + Div<Output = Self> + Neg<Output = Self> {
-    /// A yes or no a lane.
+    /// A boolean per lane.
     type Mask: Copy + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask>;
     /// Number of lanes.
     const COUNT: usize;
 
     /// `value(l)` in lane `l`.
     fn each(machine: Self::Machine, value: impl Fn(usize) -> f64) -> Self;
-    /// The first numbers of `from`, one a lane.
+    /// The first numbers of `from`, one per lane.
     fn load(machine: Self::Machine, from: &[f64]) -> Self;
     /// Writes the lanes to the first numbers of `to`.
     fn store(self, to: &mut [f64]);
@@ -47,15 +51,15 @@ pub trait Lane: Register<f64> + Div<Output = Self> + Neg<Output = Self> {
     fn abs(self) -> Self;
     /// The absolute value of `self` with the sign of `sign`.
     fn copysign(self, sign: Self) -> Self;
-    /// Where `self < other`; nowhere where one is not a number.
+    /// Where `self < other`; false where one is NaN.
     fn lt(self, other: Self) -> Self::Mask;
-    /// Where `self <= other`; nowhere where one is not a number.
+    /// Where `self <= other`; false where one is NaN.
     fn le(self, other: Self) -> Self::Mask;
-    /// `yes` where `mask` holds, else `no`.
+    /// `yes` where `mask` is true, else `no`.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
     /// Bit `l` is lane `l` of `mask`.
     fn bits(mask: Self::Mask) -> u32;
-    /// Whether `mask` holds in every lane.
+    /// Whether `mask` is true in every lane.
     #[inline(always)]
     fn all(mask: Self::Mask) -> bool {
         Self::bits(mask) == (1 << Self::COUNT) - 1
@@ -116,31 +120,31 @@ impl Lane for f64 {
     }
 }
 
-/// How many numbers a sweep computes at once. Not part of a result's bits.
+/// The number of constraints or numbers computed at once. It changes no bit of a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SimdWidth {
-    /// One by one.
+    /// One at a time.
     One,
-    /// Four, with AVX2.
+    /// Four at a time, with AVX2.
     Four,
-    /// Eight, with AVX-512.
+    /// Eight at a time, with AVX-512.
     Eight,
 }
 
 impl SimdWidth {
-    /// All widths that this processor has, rising; the first is [`SimdWidth::One`].
+    /// All widths of this processor in ascending order; the first is [`SimdWidth::One`].
     pub fn available() -> &'static [Self] {
         const ALL: [SimdWidth; 3] = [SimdWidth::One, SimdWidth::Four, SimdWidth::Eight];
         let count = ALL.iter().take_while(|w| w.is_available()).count();
         &ALL[..count]
     }
 
-    /// The greatest width that this processor has.
+    /// The greatest width of this processor.
     pub fn best() -> Self {
         *Self::available().last().unwrap_or(&Self::One)
     }
 
-    /// The number itself.
+    /// The number of lanes.
     pub fn lanes(self) -> usize {
         match self {
             Self::One => 1,
@@ -172,13 +176,13 @@ impl fmt::Display for SimdWidth {
     }
 }
 
-/// Work that can be done with lanes of any number.
+/// Work for any number of lanes.
 pub(crate) trait InLanes {
-    /// Does it.
+    /// Runs the work.
     fn run<N: Lane>(self, machine: N::Machine);
 }
 
-/// Does the work with lanes of the given width, or one by one where the processor has none of it.
+/// Runs the work with lanes of the given width, or one by one if the processor does not have it.
 pub(crate) fn run(width: SimdWidth, work: impl InLanes) {
     #[cfg(target_arch = "x86_64")]
     {
@@ -212,7 +216,7 @@ pub(crate) fn neg<N: Lane>(a: Triple<N>) -> Triple<N> {
     [-a[0], -a[1], -a[2]]
 }
 
-/// The products summed in turn, as `nalgebra` does.
+/// The sum of the products in the order of `nalgebra`.
 #[inline(always)]
 pub(crate) fn dot<N: Lane>(a: Triple<N>, b: Triple<N>) -> N {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

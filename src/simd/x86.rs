@@ -1,5 +1,5 @@
-//! Lanes of x86 by AVX2 and AVX-512. `pulp` hands out the intrinsics as safe methods of a value that only exists where
-//! the processor has them.
+//! Lanes of x86 by AVX2 and AVX-512. `pulp` provides the intrinsics as safe methods of a value that
+//! exists only if the processor supports them.
 
 use std::arch::x86_64::{__m256, __m256d, __m512, __m512d};
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
@@ -36,27 +36,27 @@ impl<F, L: FusedLane<F>, W: FusedWork<F>> NullaryFnOnce for Fused<F, L, W> {
     }
 }
 
-/// Sixteen single numbers.
+/// Sixteen numbers of single precision.
 #[derive(Clone, Copy)]
 pub struct F32x16(V4, __m512);
 
-/// Eight single numbers.
+/// Eight numbers of single precision.
 #[derive(Clone, Copy)]
 pub struct F32x8(V3, __m256);
 
-/// Eight double numbers.
+/// Eight numbers of double precision.
 #[derive(Clone, Copy)]
 pub struct F64x8(V4, __m512d);
 
-/// Four double numbers.
+/// Four numbers of double precision.
 #[derive(Clone, Copy)]
 pub struct F64x4(V3, __m256d);
 
-/// Four times yes or no, all bits of a lane alike.
+/// Four booleans; all bits of a lane are equal.
 #[derive(Clone, Copy)]
 pub struct Mask4(V3, __m256d);
 
-/// Eight times yes or no.
+/// Eight booleans.
 #[derive(Clone, Copy)]
 pub struct Mask8(u8);
 
@@ -145,7 +145,7 @@ fn first<const W: usize>(from: &[f64]) -> [f64; W] {
     *from.first_chunk().expect("as many numbers as lanes")
 }
 
-// Less than, and less or equal: false for what is not a number, without an exception.
+// Less than, and less or equal. Both are false for NaN, without an exception.
 const LT: i32 = 0x11;
 const LE: i32 = 0x12;
 
@@ -236,7 +236,7 @@ impl Lane for F64x4 {
     }
 }
 
-/// Rows for columns.
+/// Transposes rows and columns.
 #[inline(always)]
 fn transposed(machine: V3, [a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
     let set = machine.avx;
@@ -250,8 +250,8 @@ fn transposed(machine: V3, [a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
     ]
 }
 
-/// Two slots beside each other.
-// No closure in its place: closures and what they call are not always inlined.
+/// Two slots side by side.
+// Not a closure: closures and the functions that they call are not always inlined.
 #[inline(always)]
 fn two(machine: V4, low: [f64; 4], high: [f64; 4]) -> __m512d {
     let set = machine.avx512f;
@@ -283,7 +283,7 @@ impl Lane for F64x8 {
     fn gather(machine: V4, slots: &[Slot], slot: impl Fn(usize) -> u32) -> [Self; 4] {
         let set = machine.avx512f;
         let at = |l: usize| slots[slot(l) as usize].0;
-        // In the order in which the shuffles below leave the lanes rising.
+        // In this order the shuffles below produce ascending lanes.
         let (a, b) = (two(machine, at(0), at(2)), two(machine, at(1), at(3)));
         let (c, d) = (two(machine, at(4), at(6)), two(machine, at(5), at(7)));
         let (ab0, ab1) = (set._mm512_unpacklo_pd(a, b), set._mm512_unpackhi_pd(a, b));
@@ -298,7 +298,7 @@ impl Lane for F64x8 {
     #[inline(always)]
     fn scatter([x, y, z, w]: [Self; 4], slots: &mut [Slot], slot: impl Fn(usize) -> u32) {
         let set = x.0.avx512f;
-        // Of even and of odd lanes: x y of four lanes, z w of the same.
+        // Even and odd lanes: x y of four lanes, z w of the same.
         let (xy0, xy1) = (
             set._mm512_unpacklo_pd(x.1, y.1),
             set._mm512_unpackhi_pd(x.1, y.1),
@@ -406,7 +406,7 @@ macro_rules! fused {
             }
             #[inline(always)]
             fn max(self, other: Self) -> Self {
-                // The second one is what the instruction gives where one is not a number.
+                // The instruction returns the second operand if one operand is NaN.
                 Self(self.0, self.0.$set.$max(other.1, self.1))
             }
             #[inline(always)]
@@ -452,7 +452,8 @@ fused!(
         m.avx._mm256_set1_epi32(MAGIC_32.cast_signed()),
         m.avx2._mm256_srli_epi32::<1>(cast(q)),
     )),
-    // The upper half of what was and the lower half of what is, between them the lane that goes over.
+    // The upper half of `before` and the lower half of `now`. Between them is the lane that changes
+    // halves.
     |now, before| cast(m.avx2._mm256_alignr_epi8::<12>(
         cast(now),
         cast(m.avx._mm256_permute2f128_ps::<0x21>(before, now)),

@@ -68,7 +68,7 @@ pub fn among(closest: &[Option<Projection>], solid: bool, within: f64, limit: f6
     found.into_iter().map(|(_, v)| v).collect()
 }
 
-/// Joins the vertices of several attachments; a vertex of two attachments stays with the first.
+/// Merges the vertices of several attachments. A vertex of two attachments belongs to the first.
 pub fn join(choices: &[(usize, Vec<u32>)]) -> Vec<Attached> {
     let mut all: Vec<Attached> = Vec::new();
     let mut taken = std::collections::BTreeSet::new();

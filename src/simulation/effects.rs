@@ -1,4 +1,4 @@
-//! How each effect of [`crate::scene::effects`] is planned, what it costs, and what it builds of a muscle.
+//! The plan, the cost and the constraints or energies of each effect of [`crate::scene::effects`].
 
 use super::body::Builder;
 use super::plan::{Planner, obstacle, swept};
@@ -7,29 +7,31 @@ use crate::fibres::anisotropy;
 use crate::scene::EffectSpec;
 use crate::solvers::stiffness;
 
-/// What runs of an effect.
+/// The computation of an effect.
 pub(super) struct EffectModel {
-    /// Its key in a scene.
+    /// Key in a scene.
     pub key: &'static str,
-    /// Whether it is planned for each muscle or once for the scene.
+    /// Whether the effect is planned for each muscle or once for the scene.
     pub scope: Scope,
-    /// Time of an element in a sweep or, for contact, in a step, as the built-in hip took it on two cores [ns]: for
-    /// estimates only.
+    /// Time per element in a sweep, or in a step for contact, measured in the built-in hip on two
+    /// cores [ns]. It is only for estimates.
     pub nanoseconds: f64,
-    /// Decides whether it runs, where the scene has it and its stiffness is not zero.
+    /// Decides whether the effect runs. Called if the scene has the effect and its stiffness is not
+    /// zero.
     pub plan: fn(&mut Planner<'_>),
-    /// Adds its part to a muscle on which it runs; `None` for an effect that is a number of another part.
+    /// Adds the part of the effect to a muscle; `None` for an effect that changes a number of
+    /// another part.
     pub build: Option<fn(&mut Builder<'_>)>,
 }
 
-/// What an effect acts on.
+/// The object of an effect.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scope {
     Muscle,
     Scene,
 }
 
-/// Every effect, in the order in which they are planned and built.
+/// Every effect, in the order of planning and building.
 pub(super) static MODELS: [EffectModel; 7] = [
     EffectModel {
         key: "stretch",
@@ -61,7 +63,7 @@ pub(super) static MODELS: [EffectModel; 7] = [
     EffectModel {
         key: "anisotropy",
         scope: Scope::Muscle,
-        // It is in the stiffness of each edge from the start: no memory, no time of its own.
+        // The stiffness of each edge contains it from the start: no own memory, no own time.
         nanoseconds: 0.0,
         plan: plan_anisotropy,
         build: None,
@@ -90,7 +92,7 @@ pub(super) static MODELS: [EffectModel; 7] = [
 ];
 
 impl EffectModel {
-    /// What is planned and built of an effect.
+    /// The computation of a declared effect.
     pub(super) fn of(spec: &EffectSpec) -> Option<&'static Self> {
         MODELS.iter().find(|model| model.key == spec.key)
     }
@@ -178,7 +180,7 @@ fn build_stretch(builder: &mut Builder<'_>) {
     let (mut edges, mut stiffness) = (Vec::new(), Vec::new());
     let weighed = builder.edge_stiffness.iter().zip(&factors);
     for (edge, (k, factor)) in builder.edges.iter().zip(weighed) {
-        // An edge without stiffness (along a fibre, at full strength) is no constraint.
+        // An edge without stiffness (parallel to a fibre, at full strength) is no constraint.
         if k * factor > 0.0 {
             edges.push(*edge);
             stiffness.push(k * factor);
@@ -187,7 +189,8 @@ fn build_stretch(builder: &mut Builder<'_>) {
     builder.add(edges, stiffness);
 }
 
-/// Factors on the stiffness of edges by their direction against the fibres; 1 without anisotropy.
+/// Factors on the stiffness of edges, from their direction relative to the fibres; 1 without
+/// anisotropy.
 fn stretch_factors(builder: &Builder<'_>) -> Vec<f64> {
     let is_anisotropic = builder.plan.runs("anisotropy");
     match builder.scene.effects.anisotropy.filter(|_| is_anisotropic) {

@@ -145,8 +145,8 @@ impl Simulation {
         }
     }
 
-    /// Computes frames on `threads` threads of their own. Where the system gives no threads, those of the caller serve.
-    /// Results do not depend on the number of threads.
+    /// Computes frames on `threads` threads of its own, or on those of the caller if the system
+    /// provides none. Results do not depend on the number of threads.
     pub fn set_threads(&mut self, threads: usize) {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
         self.pool = pool.build().ok();

@@ -1,4 +1,4 @@
-//! The one loop over the frames of a scenario, and who observes it.
+//! The one loop over the frames of a scenario, and its observers.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -9,30 +9,33 @@ use crate::progress::Progress;
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ended {
-    /// With its last frame, or because nothing moves any more.
+    /// The last frame was computed, or all motion has ended.
     Finished,
-    /// The progress ended it.
+    /// The progress stopped the run.
     Interrupted,
-    /// An observer ended it.
+    /// An observer stopped the run.
     ByObserver,
-    /// A frame could not be computed, and why.
+    /// A frame could not be computed, for this reason.
     Failed(String),
 }
 
-/// Takes the frames of a run: writes them, measures them, shows them.
+/// Receives the frames of a run, for example to write, measure or show them.
 pub trait Observer<S: ?Sized> {
-    /// Takes the frame that a run begins with, as [`Observer::frame`] does.
+    /// Receives the first frame of a run, like [`Observer::frame`].
     fn start(&mut self, scenario: &S) -> ControlFlow<()> {
         self.frame(scenario, Duration::ZERO)
     }
 
-    /// Takes the frame that `scenario` has just computed in the time `took`. `Break` ends the run.
+    /// Receives the frame that `scenario` has just computed in the time `took`. `Break` ends the
+    /// run.
     fn frame(&mut self, scenario: &S, took: Duration) -> ControlFlow<()>;
 }
 
-/// Runs a scenario from the frame where it is to its last, and hands every frame to the observers in turn.
+/// Runs a scenario from its present frame to its last, and passes every frame to the observers in
+/// order.
 ///
-/// Progress hears of every frame, with an empty stage, after the observers, and of the stages within a frame.
+/// The progress receives every frame, with an empty stage, after the observers. It also receives
+/// the stages within a frame.
 pub fn run<S: Scenario + ?Sized>(
     scenario: &mut S,
     observers: &mut [&mut dyn Observer<S>],
@@ -73,7 +76,7 @@ mod tests {
     use crate::scene::builtin::load_content;
     use crate::simulation::scenario;
 
-    /// Counts frames, and ends the run at one.
+    /// Counts frames, and ends the run at a given frame.
     struct Count {
         seen: Vec<usize>,
         last: usize,

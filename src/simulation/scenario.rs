@@ -24,25 +24,26 @@ use crate::state::DecodeError;
 pub enum Stepped {
     /// The frame is computed.
     Done,
-    /// The frame was given up because the progress asked for it; the scenario is where it was.
+    /// The progress stopped the computation of the frame. The scenario is in the state before it.
     Interrupted,
-    /// The frame cannot be computed, and why.
+    /// The frame cannot be computed, for this reason.
     Failed(String),
 }
 
-/// What does not change in a run: the bodies and bones whose positions a [`FrameState`] holds.
+/// The constant data of a run: the bodies and bones whose positions a [`FrameState`] contains.
 #[derive(Clone, Debug)]
 pub struct SceneDescription {
     /// Deformable bodies, in the scene's order.
     pub bodies: Vec<BodyDescription>,
-    /// Names of the files of rigid bodies (bones, obstacles, a ball), and their meshes in their own frame [m].
+    /// File names of rigid bodies (bones, obstacles, a ball), and their meshes in their own frames
+    /// [m].
     pub bones: Vec<(String, TriangleMesh)>,
 }
 
 /// A deformable body of a [`SceneDescription`].
 #[derive(Clone, Debug)]
 pub struct BodyDescription {
-    /// Name of its files; no other body or bone has the same.
+    /// Name of its files. Each body and bone has a different name.
     pub file: String,
     /// Name of the files of its fibres.
     pub fibre_file: String,
@@ -61,7 +62,7 @@ pub struct BodyDescription {
 }
 
 impl BodyDescription {
-    /// A surface whose edges are as long at rest as they are; `attached` may be empty.
+    /// A surface whose edges have their rest lengths; `attached` may be empty.
     fn of_surface(
         name: &str,
         rest: TriangleMesh,
@@ -110,13 +111,13 @@ pub struct FrameState {
     pub bones: Vec<Isometry3<f64>>,
 }
 
-/// Positions of a body whose velocities are zero.
+/// Positions of a body with zero velocities.
 fn at_rest(x: Vec<Point3<f64>>) -> BodyState {
     let count = x.len();
     (x, vec![Vector3::zeros(); count])
 }
 
-/// A scenario by its kind, for readers of what only one kind has.
+/// A scenario by its kind, for readers of data that only one kind has.
 #[derive(Clone, Copy)]
 pub enum ScenarioKind<'a> {
     /// Muscles that slide around bones.
@@ -125,17 +126,17 @@ pub enum ScenarioKind<'a> {
     Skin(&'a SkinRun),
     /// A box of points on springs.
     Lattice(&'a LatticeRun),
-    /// A kind that the library does not know.
+    /// A kind outside of the library.
     Other,
 }
 
-/// Why a scenario did not do what a caller asked for.
+/// The reason why a scenario rejected an operation.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ScenarioError {
-    /// Scenarios of this kind cannot do it.
+    /// This kind of scenario does not support the operation.
     #[error("this kind of scene cannot {0}")]
     NotSupported(&'static str),
-    /// The bytes are no state of this scenario.
+    /// The bytes are no saved state of this scenario.
     #[error(transparent)]
     DecodeError(#[from] DecodeError),
 }
@@ -156,10 +157,10 @@ pub trait Scenario: Send {
     /// The last frame that was computed; 0 is the start.
     fn frame(&self) -> usize;
 
-    /// Frames per second [1/s]; equilibria, which have no time, are shown at this rate.
+    /// Frames per second [1/s]. Equilibria have no time; pictures show them at this rate.
     fn frame_rate(&self) -> f64;
 
-    /// Which effects run, and what they cost.
+    /// The effects that run, and their costs.
     fn plan(&self) -> &Plan;
 
     /// The bodies and bones.
@@ -192,43 +193,44 @@ pub trait Scenario: Send {
     /// Computes the next frame.
     fn step(&mut self, progress: &dyn Progress) -> Stepped;
 
-    /// Whether no frame follows: the last frame is computed, or nothing moves any more.
+    /// Whether no frame follows, because the last frame is computed or all motion has ended.
     fn is_finished(&self) -> bool {
         self.frame() >= self.frames()
     }
 
-    /// Whether every frame that has to be at rest is.
+    /// Whether every frame that must be at rest is at rest.
     fn converged(&self) -> bool;
 
-    /// Measures up to the last frame, by the names that studies and summaries use.
+    /// Measures up to the last frame, with the names that studies and summaries use.
     fn measures(&self) -> Vec<(&'static str, f64)>;
 
-    /// A measure of the last frame whose greatest value marks the worst frame.
+    /// A measure of the last frame. Its greatest value marks the worst frame.
     fn severity(&self) -> f64;
 
     /// The name of [`Scenario::severity`].
     fn severity_name(&self) -> &'static str;
 
-    /// Everything that later frames depend on, as bytes.
+    /// The state that later frames depend on, as bytes.
     ///
     /// # Errors
-    /// Scenarios of this kind cannot be saved.
+    /// This kind of scenario cannot be saved.
     fn save_state(&self) -> Result<Vec<u8>, ScenarioError> {
         Err(ScenarioError::NotSupported("save its state"))
     }
 
-    /// Restores what [`Scenario::save_state`] saved of the same scene.
+    /// Restores the state that [`Scenario::save_state`] saved for the same scene.
     ///
     /// # Errors
-    /// Scenarios of this kind cannot be restored, or the bytes are damaged; the scenario is then of no use any more.
+    /// This kind of scenario cannot be restored, or the bytes are damaged. After an error the
+    /// scenario is unusable.
     fn restore_state(&mut self, _bytes: &[u8]) -> Result<(), ScenarioError> {
         Err(ScenarioError::NotSupported("restore a saved state"))
     }
 
-    /// Continues from where `other` is, which was made of the same scene with other numbers.
+    /// Continues from the state of `other`, a scenario of the same scene with other numbers.
     ///
     /// # Errors
-    /// Scenarios of this kind cannot continue with other numbers, or `other` is of another kind.
+    /// This kind of scenario cannot continue with other numbers, or `other` is of another kind.
     fn continue_from(&mut self, _other: &dyn Scenario) -> Result<(), ScenarioError> {
         Err(ScenarioError::NotSupported("continue with other numbers"))
     }
@@ -237,7 +239,7 @@ pub trait Scenario: Send {
 /// Makes a scene of any kind ready to run.
 ///
 /// # Errors
-/// A mesh that cannot be read or used, or numbers that fit no scenario.
+/// A mesh that cannot be read or used, or values that are valid for no scenario.
 ///
 /// ```
 /// use pliant::{progress::Silent, scene::builtin, simulation};
@@ -254,7 +256,7 @@ pub fn scenario(content: &Content) -> Result<Box<dyn Scenario>, LoadError> {
     })
 }
 
-/// A file name that no earlier one equals, even where case does not count.
+/// A file name that differs from all earlier ones, even if case is ignored.
 fn unused(name: &str, used: &mut HashSet<String>) -> String {
     let name = file_name(name);
     let mut chosen = name.clone();
@@ -289,7 +291,7 @@ mod tests {
         assert!(lattice.save_state().is_err());
         assert!(refused(lattice.restore_state(&[])));
         assert!(refused(lattice.continue_from(muscles.as_ref())));
-        // Control: what a kind can do is done.
+        // Control: supported operations succeed.
         assert!(muscles.save_state().is_ok());
     }
 

@@ -66,7 +66,8 @@ struct Gap {
 }
 
 impl Touch {
-    /// The vertex, and the corners of the triangle that carries the plane; the vertex in their place where none does.
+    /// The vertex, and the corners of the triangle that carries the plane. Without such a triangle,
+    /// the vertex replaces the corners.
     fn corners(&self) -> [u32; 4] {
         match self.over {
             Over::Carried([a, b, c], ..) => [self.vertex, a, b, c],
@@ -105,7 +106,8 @@ impl Touch {
         }
     }
 
-    /// The gap less the lift, with the energy, force and stiffness of [`law`]; `None` where nothing presses.
+    /// The gap minus the lift, with the energy, force and stiffness of [`law`]; `None` without
+    /// contact.
     fn pressed(&self, x: &[Point3<f64>; 4]) -> Option<(Gap, (f64, f64, f64))> {
         let gap = self.measure(x)?;
         let lifted = gap.value - self.lift;

@@ -11,7 +11,8 @@ use crate::constraints::spring::{Between, Spring, SpringLaw};
 /// the positions of the vertices of a slack shell and costs as much as a strain of one percent.
 const GATHER: f64 = 0.01;
 
-/// The energy k (max(0, l - l0)^2 + l^2/100) / 2: convex, so that a shell has no folds to choose from.
+/// The energy k (max(0, l - l0)^2 + l^2/100) / 2. It is convex, so that the shell has no folds with
+/// several solutions.
 #[derive(Clone, Copy, Debug)]
 pub struct Membrane {
     rest: f64,
@@ -24,7 +25,8 @@ pub struct Membrane {
 /// The shell of an implant.
 pub type Envelope = Stencils<Spring<Between, Membrane>, 2>;
 
-/// A shell of springs with a stiffness each [N/m]. A shell that is `alone`, without skin over it, is its own scale of forces.
+/// A shell of springs with a stiffness each [N/m]. With `alone`, without skin above it, the shell
+/// defines its own scale of forces.
 pub fn envelope(springs: &[Distance], stiffness: &[f64], alone: bool) -> Envelope {
     let spring = |(spring, &stiffness): (&Distance, &f64)| Spring {
         arm: Between(spring.points),

@@ -15,7 +15,8 @@ const FIRST: f64 = 0.8;
 /// Centre of the quadratic part of the force, as a volume share.
 const MIDDLE: f64 = 0.5;
 
-/// What lies between two triangles: the energy V K w(v/V) with rest volume V and volume v; w grows below 0.8.
+/// The material between two triangles: energy V K w(v/V) with rest volume V and volume v. The
+/// energy w is zero above a volume share of 0.8 and increases below it.
 #[derive(Clone, Copy, Debug)]
 pub struct Prism {
     /// Three corners of the lower triangle, then those above them.
@@ -61,7 +62,8 @@ impl Prism {
         }
     }
 
-    /// Energy, force and second derivative of w, and the share; `None` where the prism does not resist.
+    /// Energy, force and second derivative of w, and the share; `None` if the prism does not
+    /// resist.
     fn pressed(&self, x: &[Point3<f64>; 6]) -> Option<((f64, f64, f64), Share)> {
         let share = self.share(x);
         let w = law(share.value - MIDDLE, FIRST - MIDDLE);
@@ -101,7 +103,8 @@ impl Stencil<6> for Prism {
         Some((self.stiffness * w.0, gradient))
     }
 
-    /// Without the volume's own second derivative: few prisms resist, and what is left is convex.
+    /// Without the second derivative of the volume: few prisms resist, and the remaining part is
+    /// convex.
     fn hessian(&self, x: &[Point3<f64>; 6], _: bool) -> Option<Blocks<6>> {
         let (w, Share { gradient, .. }) = self.pressed(x)?;
         let k = self.stiffness * w.2;

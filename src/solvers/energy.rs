@@ -1,4 +1,5 @@
-//! The potential energy of a body: elastic parts, constant forces, and the inertia of an implicit step.
+//! The potential energy of a body: elastic parts, constant forces, and the inertia of an implicit
+//! step.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -22,8 +23,8 @@ pub struct Inertia {
 /// The energy of a body as a function of its positions; enclosed volumes are separate, as
 /// constraints.
 ///
-/// A volume's multiplier `pressure` [Pa] enters the gradient as -pressure dV/dx; with a compliance `a` it is
-/// (target - V) / a.
+/// The multiplier `pressure` [Pa] of a volume adds -pressure dV/dx to the gradient. With a
+/// compliance `a` it is (target - V) / a.
 #[derive(Default)]
 pub struct Energy {
     /// Elastic parts.
@@ -87,7 +88,8 @@ impl Energy {
         moving - tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords))
     }
 
-    /// Calls `pair` with every two vertices that the second derivative couples, volumes' by their edges.
+    /// Calls `pair` with every two vertices that the second derivative couples; for volumes, with
+    /// the ends of their edges.
     pub fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
         self.elastic.iter().for_each(|part| part.pairs(pair));
         for [a, b, c] in self.volumes.iter().flat_map(EnclosedVolume::triangles) {
@@ -97,8 +99,8 @@ impl Energy {
         }
     }
 
-    /// Calls `add` with the blocks of the second derivative [N/m] of energy and -p V for each of `pressures` p; with
-    /// `convex`, without what may be indefinite.
+    /// Calls `add` with the blocks of the second derivative [N/m] of energy and -p V for each of
+    /// `pressures` p. With `convex`, parts that can be indefinite are left out.
     pub fn hessian(
         &self,
         x: &[Point3<f64>],
@@ -124,8 +126,9 @@ impl Energy {
         each.for_each(|(volume, pressure)| volume_hessian(volume, x, -pressure, add));
     }
 
-    /// Calls `add` with entries [N/m] of a constant positive semi-definite matrix over vertices that stands for the
-    /// second derivative near `x` in every direction of space.
+    /// Calls `add` with the entries [N/m] of a constant positive semi-definite matrix over
+    /// vertices. The matrix approximates the second derivative near `x`, equally in all directions
+    /// of space.
     pub fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
         self.elastic
             .iter()
@@ -153,7 +156,8 @@ impl Energy {
 
 impl State for Energy {
     fn save(&self, to: &mut Writer) {
-        // Every step sets the target of the inertia and what presses; multipliers of volumes play no part here.
+        // Every step sets the target of the inertia and the contacts; multipliers of volumes are
+        // not used here.
         let Self {
             elastic,
             forces: _,

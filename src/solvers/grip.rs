@@ -1,7 +1,8 @@
-//! A spring of no length from a vertex to a place in space: what a hand drags with.
+//! A spring of rest length zero from a vertex to a position in space: the user drags a vertex with
+//! it.
 //!
-//! In a step it is a constraint of three components, x - p = 0, with compliance 1/k, so that it is stable for any stiffness;
-//! in an equilibrium its energy k |x - p|^2 / 2 is one part more.
+//! In a step the grip is a constraint of three components, x - p = 0, with compliance 1/k. It is
+//! therefore stable for any stiffness. In an equilibrium its energy is k |x - p|^2 / 2.
 
 use nalgebra::{Point3, Vector3};
 
@@ -15,19 +16,19 @@ use crate::state::{DecodeError, Reader, State, Writer};
 pub struct Grip {
     /// The vertex.
     pub vertex: u32,
-    /// The place that it is dragged to [m].
+    /// The target position [m].
     pub to: Point3<f64>,
     /// Stiffness of the spring [N/m].
     pub stiffness: f64,
-    /// Force times the square of the step [N s^2], as multipliers of constraints are kept.
+    /// Force times the square of the step [N s^2], like the multipliers of constraints.
     multiplier: Vector3<f64>,
 }
 
-/// The name of what a grip does, as an effect.
+/// Name of the grip as an effect.
 pub const DRAG: &str = "drag";
 
 impl Grip {
-    /// A spring of `stiffness` [N/m] from `vertex` to a place [m].
+    /// A spring of `stiffness` [N/m] from `vertex` to a position [m].
     pub fn new(vertex: u32, to: Point3<f64>, stiffness: f64) -> Self {
         Self {
             vertex,
@@ -37,16 +38,16 @@ impl Grip {
         }
     }
 
-    /// Its energy, for an equilibrium.
+    /// The energy, for an equilibrium.
     pub fn potential(&self) -> Anchors {
         anchors(DRAG, [(self.vertex, self.to)], self.stiffness)
     }
 
-    /// The displacement [m] of a vertex at `x` with inverse mass `w` [1/kg] in one sweep: the update of \[macklin2016\] with the
-    /// unit matrix as gradient.
+    /// The displacement [m] of a vertex at `x` with inverse mass `w` [1/kg] in one sweep: the
+    /// update of \[macklin2016\] with the unit matrix as gradient.
     fn displacement(&mut self, x: &Point3<f64>, w: f64, dt: f64) -> Vector3<f64> {
         let compliance = 1.0 / (self.stiffness * dt * dt);
-        // Nothing moves a vertex that is held, and a spring without stiffness moves none.
+        // Nothing moves a fixed vertex, and a spring without stiffness moves no vertex.
         if !(w > 0.0 && compliance.is_finite()) {
             return Vector3::zeros();
         }
@@ -96,7 +97,8 @@ mod tests {
     use super::*;
     use crate::constraints::Potential;
 
-    /// A particle of 2 kg on a spring of 8 N/m, 1 m from rest, after one step of half a second from rest, by `displacement`.
+    /// Position of a particle of 2 kg on a spring of 8 N/m, initially at rest 1 m from the spring's
+    /// end, after one step of half a second by `displacement`.
     fn after(sweeps: usize, wrong: f64) -> f64 {
         let mut grip = Grip::new(0, Point3::origin(), 8.0 * wrong);
         let mut particles = Particles::at_rest(vec![Point3::new(1.0, 0.0, 0.0)], vec![0.5]);
@@ -149,7 +151,7 @@ mod tests {
                 moved[1][k] += h;
                 grip.energy(&moved)
             };
-            // Of a quadratic, central differences are exact but for rounding.
+            // Central differences of a quadratic are exact except for rounding.
             let difference = (at(0.5) - at(-0.5)) / 1.0;
             assert!(
                 (gradient[1][k] - difference).abs() < 1e-13 * grip.energy(&x),

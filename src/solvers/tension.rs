@@ -1,5 +1,5 @@
 //! The energy of cords under tone: edges whose force is positive at every length and increases with
-//! it.
+//! the length.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,14 +7,15 @@ use crate::constraints::Stencils;
 use crate::constraints::distance::Distance;
 use crate::constraints::spring::{Between, Spring, SpringLaw};
 
-/// Exponential growth of passive muscle force with strain: the force increases by a factor e when
+/// Exponential growth of passive muscle force with strain. The force increases by a factor e when
 /// the strain increases by the inverse of this value. The value is the exponent 4 over the strain
 /// 0.6 at the greatest isometric force \[thelen2003\].
 pub const STEEPNESS: f64 = 4.0 / 0.6;
 
-/// The exponential law of passive muscle: energy `k d^2 exp(a e) / a^2` at strain `e`, `d` the rest length, `a` being
-/// [`STEEPNESS`]. The force grows from `k d / a` at rest. The energy is convex and smooth: a net of such cords has one
-/// equilibrium, none buckles, and none suddenly becomes slack.
+/// The exponential law of passive muscle: energy `k d^2 exp(a e) / a^2` at strain `e`, with `d` the
+/// rest length and `a` the value [`STEEPNESS`]. The force at rest is `k d / a`. The energy is
+/// convex and smooth: a net of such cords has one equilibrium, and no cord buckles or suddenly
+/// becomes slack.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cord {
     /// Rest length [m].
@@ -36,7 +37,7 @@ impl SpringLaw for Cord {
         self.stiffness * libm::exp(STEEPNESS * (length - self.rest) / self.rest)
     }
 
-    // One exponential for both. A cord without extent pulls in no direction.
+    // One exponential for both results. A cord of length zero exerts no force in any direction.
     fn along(&self, d: &Vector3<f64>) -> (f64, f64) {
         let length = d.norm();
         let tension = self.tension(length);
@@ -76,7 +77,8 @@ pub fn tension(edges: &[Distance], stiffness: &[f64]) -> Tension {
     Stencils::new("tension", edges.iter().zip(stiffness).map(cord).collect())
 }
 
-/// The forces [N] on the vertices of a shape `x` [m] that balance cords which pull as at rest, whatever their lengths.
+/// The forces [N] on the vertices of a shape `x` [m] that balance cords with their forces at rest,
+/// for any lengths.
 pub fn support(cords: &Tension, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
     let mut forces = vec![Vector3::zeros(); x.len()];
     for Spring { arm, law } in cords.terms() {
@@ -97,7 +99,7 @@ mod tests {
     use crate::constraints::Potential;
     use crate::testing::Draw;
 
-    /// Cords of which some are shorter and some longer than at rest.
+    /// Cords, some shorter and some longer than at rest.
     fn drawn() -> (Tension, Vec<Point3<f64>>) {
         let mut draw = Draw::new(11);
         let x = draw.shape(6);

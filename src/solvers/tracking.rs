@@ -1,5 +1,5 @@
-//! The energy of departing from a shape that is prescribed: what keeps a muscle as near as contact and volume let it to
-//! where its bones' motion alone would carry it.
+//! The energy of a deviation from a prescribed shape. The prescribed shape follows from the motion
+//! of the bones alone. This energy keeps a muscle as close to it as contact and volume permit.
 
 use nalgebra::Point3;
 
@@ -7,12 +7,13 @@ use crate::constraints::Stencils;
 use crate::constraints::spring::{Displacement, Linear, Spring};
 use crate::constraints::stencil::at;
 
-/// The energy `sum k |d_a - d_b|^2 / 2` over edges, `d` the displacement from the target: a membrane of corrections. It
-/// is quadratic, so that without obstacles its minimum is unique and moves smoothly with the target.
+/// The energy `sum k |d_a - d_b|^2 / 2` over edges, with `d` the displacement from the target: a
+/// membrane of corrections. The energy is quadratic. Without obstacles its minimum is therefore
+/// unique and changes smoothly with the target.
 pub type Tracking = Stencils<Spring<Displacement, Linear>, 2>;
 
-/// Edges with a stiffness [N/m] each, drawn to a target [m], one place a vertex. The scale of forces is that of a strain of
-/// one of the edges there.
+/// Edges with a stiffness [N/m] each and a target position [m] for each vertex. The scale of forces
+/// is the force of an edge of the target at a strain of one.
 pub fn tracking(edges: &[[u32; 2]], stiffness: &[f64], target: &[Point3<f64>]) -> Tracking {
     let tie = |(&points, &stiffness): (&[u32; 2], &f64)| {
         let targets = at(points, target);
@@ -28,7 +29,7 @@ pub fn tracking(edges: &[[u32; 2]], stiffness: &[f64], target: &[Point3<f64>]) -
     Stencils::new("tracking", edges.iter().zip(stiffness).map(tie).collect())
 }
 
-/// The same edges, drawn to another target [m].
+/// The same edges with another target [m].
 pub fn toward(tracking: &Tracking, target: &[Point3<f64>]) -> Tracking {
     let drawn = |tie: &Spring<Displacement, Linear>| {
         let points = tie.arm.points;
@@ -64,7 +65,7 @@ mod tests {
         let energy = part.energy_and_gradient(&x, &mut gradient);
         let mut hessian = nalgebra::Matrix4::<f64>::zeros();
         part.scalar_hessian(&x, &mut |a, b, k| hessian[(a as usize, b as usize)] += k);
-        // Quadratic: differences of any size are exact but for rounding.
+        // Differences of a quadratic are exact for any step, except for rounding.
         let h = 0.5;
         for v in 0..4 {
             for c in 0..3 {

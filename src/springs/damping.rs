@@ -7,8 +7,8 @@ pub fn critical(stiffness: f64, mass: f64) -> f64 {
     2.0 * (stiffness * mass).sqrt()
 }
 
-/// Critical damping [N s/m] of two free masses [kg] on one spring [N/m]: the relative motion has twice the stiffness
-/// (errata M2).
+/// Critical damping [N s/m] of two free masses [kg] with one spring [N/m]: the relative motion has
+/// twice the stiffness (errata M2).
 pub fn critical_of_pair(stiffness: f64, mass: f64) -> f64 {
     critical(2.0 * stiffness, mass)
 }

@@ -3,7 +3,8 @@
 use super::pairs::{Law, Pairs};
 use crate::constraints::spring::SpringLaw;
 
-/// Hooke's law: the tension is `stiffness (length - rest)`; force on point i `k (|x_ij| - l) x_ij/|x_ij|`, `x_ij = x_j - x_i`.
+/// Hooke's law: the tension is `stiffness (length - rest)`; the force on point i is `k (|x_ij| - l)
+/// x_ij/|x_ij|` with `x_ij = x_j - x_i`.
 ///
 /// With rest length 0 the force is `k x_ij`, which needs no direction (errata B03). Two coincident
 /// points of a spring with a positive rest length have no direction: the force is then zero (errata

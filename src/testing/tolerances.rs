@@ -24,27 +24,32 @@ pub const T10: f64 = 1e-13;
 pub const T11: f64 = 64.0 * f64::EPSILON;
 /// T12: gradient of a hinge against 1/height, relative.
 pub const T12: f64 = 1e-14;
-/// T13: depth of a resting body under a surface, relative to its size.
+/// T13: depth of a resting body below a surface, relative to its size.
 pub const T13: f64 = 1e-6;
-/// T14: an acceptance number of a digest, as far as its printed digits go.
+/// T14: deviation from an acceptance number of a digest, within its printed digits.
 pub const T14: f64 = 5e-7;
-/// T15: equilibria of two solvers whose forces have fallen below 1e-9 of the scale, relative to the length of the body.
+/// T15: equilibria of two solvers whose forces are below 1e-9 of the scale, relative to the length
+/// of the body.
 pub const T15: f64 = 1e-6;
-/// T16: departure of an observed order of convergence in a mesh's resolution or in a strain, two finest pairs.
+/// T16: departure of an observed order of convergence in a mesh's resolution or in a strain, on the
+/// two finest pairs.
 pub const T16: f64 = 0.1;
-/// T17: a body at rest against its exact equilibrium over its size, and what is left of the load on it.
+/// T17: deviation of a body at rest from its exact equilibrium relative to its size, and the
+/// residual load on it.
 pub const T17: f64 = 1e-8;
-/// T18: ends of blends, surfaces cut by an overlay, exact fits, over their size.
+/// T18: ends of blends, surfaces cut by an overlay, exact fits, relative to their size.
 pub const T18: f64 = 1e-12;
-/// T19: a known motion found again from a part of a surface, its greatest error over the size of the surface.
+/// T19: a known motion computed from a part of a surface: greatest error relative to the size of
+/// the surface.
 pub const T19: f64 = 1e-3;
-/// T20: a known motion found again from the same vertices, over the size of the surface.
+/// T20: a known motion computed from the same vertices: error relative to the size of the surface.
 pub const T20: f64 = 1e-6;
-/// T21: angle between two rotations that are the same \[rad\].
+/// T21: angle between two equal rotations \[rad\].
 pub const T21: f64 = 1e-7;
 /// T22: moment arm of a straight muscle against its distance to the axis, relative.
 pub const T22: f64 = 0.024;
-/// T23: two shapes at the same angle, reached by different ways, over the length of the muscle.
+/// T23: two shapes at the same angle, reached on different paths, relative to the length of the
+/// muscle.
 pub const T23: f64 = 2e-7;
 
 /// All tolerances by name, in order.

@@ -1,10 +1,10 @@
-//! A library names no option of a command line.
+//! The library never mentions an option of a command line.
 
 use std::fs;
 
 use crate::sources;
 
-/// The end of a block comment, which may hold others.
+/// The index after the end of a block comment; block comments can be nested.
 fn after_comment(text: &[char], mut k: usize) -> usize {
     let mut depth = 0;
     while k + 1 < text.len() {
@@ -20,7 +20,7 @@ fn after_comment(text: &[char], mut k: usize) -> usize {
     text.len()
 }
 
-/// The string literals of a Rust source with their lines, comments left out.
+/// The string literals of a Rust source with their lines, without comments.
 fn literals(source: &str) -> Vec<(usize, String)> {
     let text: Vec<char> = source.chars().collect();
     let at = |k: usize| text.get(k).copied().unwrap_or('\0');
@@ -57,7 +57,7 @@ fn literals(source: &str) -> Vec<(usize, String)> {
                 all.push((line, text[begin..k.min(text.len())].iter().collect()));
                 k += 1;
             }
-            // A character; a lifetime has no second quote so near.
+            // A character literal. A lifetime has no second quote this close.
             '\'' if at(k + 1) == '\\' => {
                 k += 3;
                 while k < text.len() && at(k) != '\'' {
@@ -74,7 +74,8 @@ fn literals(source: &str) -> Vec<(usize, String)> {
     all
 }
 
-/// Whether a text names an option of a command line: `--` before a lower-case letter, at a word's start.
+/// Whether a text mentions an option of a command line: `--` before a lower-case letter, at the
+/// start of a word.
 fn names_an_option(text: &str) -> bool {
     text.match_indices("--").any(|(at, _)| {
         let before = text[..at].chars().next_back();

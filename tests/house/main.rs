@@ -1,4 +1,5 @@
-//! The rules of the house that a machine can check: who may import whom, what the library never does, how much it pulls in.
+//! The rules of the code base that a machine can check: permitted imports, forbidden operations of
+//! the library, numbers of files and of packages.
 
 mod flags;
 mod order;
@@ -33,7 +34,7 @@ fn sources(folder: &str) -> Vec<PathBuf> {
     found
 }
 
-/// What ships of a source: without its test module, which stands last, and without comments.
+/// The shipped part of a source: without its test module, which is last, and without comments.
 fn shipped(source: &str) -> String {
     let lines = source[..test_module(source)].lines();
     lines
@@ -55,7 +56,8 @@ fn test_module(source: &str) -> usize {
         .map_or(source.len(), |((at, _), _)| at)
 }
 
-/// The sources of the library that ship, with their text; conformance checks and test modules are none.
+/// The shipped sources of the library with their text. Conformance checks and test modules are not
+/// shipped.
 fn library() -> Vec<(PathBuf, String)> {
     sources("src")
         .into_iter()

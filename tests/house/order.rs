@@ -45,7 +45,7 @@ fn first_word(text: &str) -> Option<String> {
     is_module.then(|| word.to_owned())
 }
 
-/// What is wrong with the imports of a source in a module; empty where the order is kept.
+/// The faults of the imports of a source in a module; empty if the order is correct.
 fn wrong(order: &[String], module: &str, source: &str) -> Vec<String> {
     let place = |name: &str| order.iter().position(|m| m == name);
     let Some(own) = place(module) else {

@@ -1,9 +1,9 @@
-//! How many packages the library pulls in, by features.
+//! The number of packages that the library depends on, by features.
 
 use std::collections::BTreeSet;
 use std::process::Command;
 
-/// Packages of a build, the library among them.
+/// The packages of a build, including the library.
 fn packages(arguments: &[&str]) -> BTreeSet<String> {
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let tree = [

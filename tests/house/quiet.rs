@@ -1,8 +1,9 @@
-//! The library writes nothing to a terminal, reads no environment, swaps no global hook and knows no folder of a workplace.
+//! The library writes nothing to a terminal, reads no environment variable, replaces no global hook
+//! and contains no path of a workplace.
 
 use crate::library;
 
-/// What no source of the library may contain, and why.
+/// Texts that no source of the library may contain, with the reason.
 const BARRED: &[(&str, &str)] = &[
     ("println!", "it writes to the terminal"),
     ("print!", "it writes to the terminal"),
@@ -19,7 +20,7 @@ const BARRED: &[(&str, &str)] = &[
     ("\"shared\"", "it knows a folder of a workplace"),
 ];
 
-/// Why a source is not quiet.
+/// The reasons why a source is not quiet.
 fn loud(source: &str) -> Vec<&'static str> {
     let found = BARRED.iter().filter(|(text, _)| source.contains(text));
     found.map(|&(_, why)| why).collect()

@@ -1,6 +1,7 @@
-//! The tables of effects, solvers and formats: how many files name an element, and what the documents say of it.
+//! The tables of effects, solvers and formats: how many files mention an element, and whether the
+//! documents describe it correctly.
 //!
-//! A new effect, solver or format touches the files that name one of today.
+//! A new effect, solver or format touches the files that mention an existing one.
 
 use std::fs;
 use std::path::Path;
@@ -57,7 +58,7 @@ fn is_word(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Whether some code has a text that is no part of a longer word.
+/// Whether some code contains a text that is not part of a longer word.
 fn mentions(code: &str, text: &str) -> bool {
     code.match_indices(text).any(|(at, _)| {
         let before = code[..at].chars().next_back();
@@ -69,7 +70,7 @@ fn mentions(code: &str, text: &str) -> bool {
     })
 }
 
-/// The files that have one of some texts, or the name of a file.
+/// The files that contain one of some texts, and the file of the given name.
 fn naming(sources: &[Source], file: &str, texts: &[&str]) -> Vec<String> {
     let own = format!("/{file}.rs");
     let mut paths = Vec::new();
@@ -104,7 +105,7 @@ fn an_effect_is_named_in_the_two_tables_and_in_its_own_file() {
         files("anisotropy"),
         ["src/fibres/anisotropy.rs", declared, modelled]
     );
-    // Classic PBD has a stiffness of its own for it, and a page says why skin has none.
+    // Classic PBD has its own stiffness for it, and a page explains why skin has none.
     assert_eq!(
         files("bending"),
         [
@@ -125,15 +126,15 @@ fn a_solver_is_named_in_its_table_and_where_one_is_chosen() {
         naming(&sources, key, &[&quoted, &variant])
     };
     let table = "src/scene/solvers.rs";
-    // An integrator of mass-spring systems has a file of the same name.
+    // An integrator of mass-spring systems has the same name.
     assert_eq!(
         files("implicit_euler", "ImplicitEuler"),
         [table, "src/springs/integrators/implicit_euler.rs"]
     );
     assert_eq!(files("pbd", "Pbd"), [table]);
-    // Friction has no energy: its reference is a run with many small steps.
+    // Friction has no energy: its reference is a run with many short steps.
     assert_eq!(files("xpbd", "Xpbd"), ["src/accuracy/reference.rs", table]);
-    // A skin has a method of the same name; a sweep of a joint chooses this solver.
+    // A method of skin has the same name; the sweep of a joint chooses this solver.
     assert_eq!(
         files("quasi_static", "QuasiStatic"),
         [
@@ -194,7 +195,7 @@ fn part<'a>(layout: &'a str, heading: &str) -> &'a str {
     &rest[..ends[0].min(ends[1])]
 }
 
-/// What follows `key = ` in a text, up to the end of the value, and the rest of the line.
+/// The value after `key = ` in a text, and the rest of the line.
 fn value<'a>(text: &'a str, key: &str) -> Option<(&'a str, &'a str)> {
     let begin = format!("{key} = ");
     let (at, _) = text
@@ -214,7 +215,7 @@ fn is_default(shown: &str, default: KeyValue) -> bool {
     }
 }
 
-/// What a layout does not say rightly of effects and solvers.
+/// The faults of a layout in its description of effects and solvers.
 fn faults(layout: &str) -> Vec<String> {
     let mut faults = Vec::new();
     for spec in &EFFECTS {
@@ -254,7 +255,7 @@ fn faults(layout: &str) -> Vec<String> {
 fn the_layout_of_scenes_shows_every_key_with_its_default() {
     let layout = LAYOUT.replace("\n# velocity_damping", " velocity_damping");
     assert_eq!(faults(&layout), [""; 0]);
-    // Controls: another default, a key that is missing.
+    // Controls: another default, a missing key.
     assert_eq!(
         faults(&layout.replace("bending = 0.9", "bending = 0.8")),
         ["solver.pbd.bending"]
@@ -286,7 +287,7 @@ fn the_page_about_formats_has_a_row_for_each() {
     }
 }
 
-/// Whether both ends of a slider, in the unit of the file, are values that the key may have.
+/// Whether both ends of a slider, in the unit of the file, are permitted values of the key.
 fn slides_within(key: &KeySpec) -> bool {
     let limit = match key.kind {
         KeyKind::Number(limit) | KeyKind::Quantity(_, limit) => limit,

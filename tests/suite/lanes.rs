@@ -264,9 +264,20 @@ fn a_hinge_one_by_one_on_its_branch_leaves_the_bits_of_lanes() {
     let all = hinges(&mesh);
     let (lanes, then) = swept(&all, &body, SimdWidth::best());
     let (left, branches) = without_lanes::<true>(&all, &body);
-    assert!(left == lanes && branches == then);
+    // A hinge of fixed points has no correction. One by one it stores no branch.
+    let moves = |hinge: &Bending| {
+        let mut points = hinge.points.iter();
+        points.any(|&p| body.inverse_mass[p as usize] > 0.0)
+    };
+    let moving = |hinges: &[Bending]| -> Vec<Bending> {
+        hinges.iter().copied().filter(moves).collect()
+    };
+    assert!(left == lanes && moving(&branches) == moving(&then));
     let (left, branches) = without_lanes::<false>(&all, &body);
-    assert!(branches != then, "control: without a branch none is stored");
+    assert!(
+        moving(&branches) != moving(&then),
+        "control: without a branch none is stored"
+    );
     assert!(
         left != lanes,
         "control: some hinge went through half a turn"

@@ -19,7 +19,8 @@ use pliant::scene::content::SkinScene;
 use pliant::scene::{Content, Scene};
 use pliant::simulation::Assets;
 
-/// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
+/// Measure the cost of accuracy in a scene: errors and times of many solvers and settings against a
+/// reference
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -35,10 +36,10 @@ pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]
     scene: String,
-    /// Time for all of it, about: "90s", "10min"
+    /// Approximate time for the whole study: "90s", "10min"
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
     budget: Duration,
-    /// Number of frames to compare, from the first on [default: as many as the budget allows]
+    /// Number of frames to compare, from the first [default: as the budget permits]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: Option<u32>,
     #[command(flatten)]

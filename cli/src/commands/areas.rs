@@ -10,10 +10,10 @@ use pliant::scene::units::{Dimension, UnitError, parse};
 use pliant::simulation::LoadError;
 use pliant::simulation::attachments::component;
 
-/// An area as written.
+/// The text of an area.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Written {
-    /// A patch, or one component of it.
+    /// A patch, or one of its components.
     Patch(PathBuf, Option<usize>),
     /// Vertices of the muscle.
     Vertices(Vec<u32>),

@@ -33,10 +33,10 @@ pub(super) struct Arguments {
     /// Length from the first node to the last, such as '14 cm'
     #[arg(long, value_name = "LENGTH", conflicts_with = "animate")]
     length: Option<String>,
-    /// Contract and stretch it over all lengths that it may take
+    /// Contract and stretch the muscle over its whole range of lengths
     #[arg(long)]
     animate: bool,
-    /// Pictures of an animation
+    /// Number of pictures of the animation
     #[arg(long, value_name = "N", default_value = "48", requires = "animate", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     frames: u32,
     #[command(flatten)]

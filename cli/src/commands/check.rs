@@ -17,7 +17,7 @@ use pliant::io::write_whole;
 use pliant::mesh::repair::{LONGEST_RIM, Options};
 use pliant::scene::units::{self, Dimension};
 
-/// Tell what is wrong with meshes, whether a simulation takes them, and repair them
+/// Show the defects of meshes and whether a simulation accepts them, and repair them
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -37,7 +37,8 @@ pub(super) struct Arguments {
     /// Mesh files
     #[arg(required = true, value_name = "MESH")]
     meshes: Vec<PathBuf>,
-    /// Length unit of the files, such as mm; without it sizes are given in the unit of the file, and units are guessed
+    /// Length unit of the files, such as mm; without it, sizes are in the unit of the file, and the
+    /// unit is guessed
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
     /// Write repaired meshes into this folder
@@ -47,13 +48,14 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", requires = "repair", num_args = 0..=1, require_equals = true, default_missing_value = "100",
         value_parser = clap::value_parser!(u16).range(1..=LONGEST_RIM as i64))]
     close_holes: Option<u16>,
-    /// Also drop all pieces but the one of the greatest area
+    /// Also remove all pieces except the one with the greatest area
     #[arg(long, requires = "repair")]
     keep_largest: bool,
-    /// Also merge vertices of rims that are at most this far apart, such as '0.01 mm'; needs --unit
+    /// Also merge vertices of rims that are at most this far apart, such as '0.01 mm'; requires
+    /// --unit
     #[arg(long, value_name = "LENGTH", requires_all = ["repair", "unit"])]
     merge_within: Option<String>,
-    /// Write over repaired meshes and a changes.json that are there already
+    /// Overwrite existing repaired meshes and changes.json
     #[arg(long, requires = "repair")]
     force: bool,
     #[command(flatten)]

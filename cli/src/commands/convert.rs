@@ -27,16 +27,16 @@ pub(super) struct Arguments {
     input: PathBuf,
     /// The file to write
     output: PathBuf,
-    /// Length unit of the file that is read, such as mm
+    /// Length unit of the input file, such as mm
     #[arg(long, value_name = "UNIT", requires = "to_unit")]
     unit: Option<String>,
-    /// Length unit of the file that is written, such as m
+    /// Length unit of the output file, such as m
     #[arg(long, value_name = "UNIT", requires = "unit")]
     to_unit: Option<String>,
-    /// Write numbers as text where the format leaves the choice
+    /// Write numbers as text if the format permits text and binary
     #[arg(long)]
     ascii: bool,
-    /// Write over a file that is there already
+    /// Overwrite an existing file
     #[arg(long)]
     force: bool,
     #[command(flatten)]
@@ -111,9 +111,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-/// A coordinate in another unit, with one rounding: the factor is always at least 1.
+/// A coordinate in another unit, rounded once: the factor is always at least 1.
 fn rescaled(coordinate: f64, from: f64, to: f64) -> f64 {
-    // Powers of ten below 1 are no exact doubles, but their inverses are.
+    // Powers of ten below 1 are not exact doubles, but their inverses are.
     if from >= to {
         coordinate * (from / to).round_if_near()
     } else {

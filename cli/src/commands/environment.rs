@@ -1,4 +1,4 @@
-//! What the command knows of its environment: variables that paths of a scene may begin with.
+//! The environment of the command: the variables at the beginning of a scene's paths.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use pliant::scene::builtin;
 use pliant::scene::{Content, SceneError};
 
-/// The variable that names the folder of measured data.
+/// The variable with the folder of measured data.
 const DATA: &str = "PLIANT_DATA";
 
-/// Value of an environment variable. `PLIANT_DATA` that is not set is the folder `shared/data` beside the working folder, or
-/// beside the repository of the package that cargo runs, if there is one.
+/// Value of an environment variable. If `PLIANT_DATA` is not set, the value is the folder
+/// `shared/data` next to the working folder, or next to the repository of the package that cargo
+/// runs, if it exists.
 pub(super) fn variable(name: &str) -> Option<OsString> {
     let set = std::env::var_os(name).filter(|v| !v.is_empty());
     if set.is_some() || name != DATA {
@@ -28,7 +29,7 @@ pub(super) fn variable(name: &str) -> Option<OsString> {
         .map(OsString::from)
 }
 
-/// A scene by its name or path, with overrides; its paths may begin with variables of the environment.
+/// A scene by its name or path, with overrides. Its paths can begin with environment variables.
 pub(super) fn load_content(
     name_or_path: &str,
     overrides: &[String],

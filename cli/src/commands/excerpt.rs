@@ -27,7 +27,7 @@ pub(super) struct Excerpt<'a> {
 }
 
 impl<'a> Excerpt<'a> {
-    /// Reads the place of an error again; unreadable parts are left out.
+    /// Reads the source of an error again, without unreadable parts.
     pub(super) fn of(error: &'a ReadError) -> Self {
         let mut excerpt = Self {
             error,
@@ -103,8 +103,8 @@ struct Line {
 }
 
 impl Line {
-    /// Reads a line, counted as in readers of meshes; `None` if the file has fewer, or the line is
-    /// empty.
+    /// Reads a line, counted like the readers of meshes; `None` if the file has fewer lines, or the
+    /// line is empty.
     fn read(
         file: &str,
         number: usize,
@@ -118,7 +118,7 @@ impl Line {
             return Ok(None);
         }
         let (bytes, more) = characters(&mut reader, first..first + SHOWN_CHARACTERS)?;
-        // A control character takes one place, so that the label stays under its word.
+        // A control character occupies one column, so that the label stays under its word.
         let printable = |c: char| {
             if c == '\t' {
                 ' '
@@ -146,7 +146,7 @@ impl Line {
                 .char_indices()
                 .nth(column - 1 - first)
                 .map(|(at, _)| at),
-            // An index that was checked later is only known by its text.
+            // The location of an index that was checked later is known only from its text.
             None => body.find(whole).filter(|_| !whole.is_empty()),
         };
         let length = match start {
@@ -187,7 +187,7 @@ impl SourceCode for Line {
     }
 }
 
-/// Opens a file for a second reading; other kinds of files give their bytes only once.
+/// Opens a file for a second reading. Other kinds of files can be read only once.
 fn open(path: &Path) -> io::Result<BufReader<io::Take<File>>> {
     if !std::fs::metadata(path)?.is_file() {
         return Err(io::Error::other("no plain file"));
@@ -233,7 +233,7 @@ fn characters(reader: &mut impl BufRead, range: Range<usize>) -> io::Result<(Vec
             if matches!(byte, b'\r' | b'\n') {
                 return Ok((bytes, false));
             }
-            // A continuation byte of UTF-8 starts no character; a file of nothing else must not
+            // A continuation byte of UTF-8 starts no character. A file of only such bytes must not
             // fill the memory.
             count += usize::from(byte & 0xc0 != 0x80);
             if count > range.end || bytes.len() > 4 * SHOWN_CHARACTERS {

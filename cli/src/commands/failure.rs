@@ -91,7 +91,7 @@ impl Failure {
         match self {
             Self::Scene(error) => say_with_source(&SceneDiagnostic::new(error), &self.terse()),
             Self::Load { error, written } => match (error, written) {
-                // An error of reading names its own file.
+                // An error of reading contains the name of its file.
                 (LoadError::Read(read), _) => say_with_source(&Excerpt::of(read), &self.terse()),
                 (LoadError::Unfit(unfit), true) => {
                     say_with_source(&SceneDiagnostic::new(unfit.scene_error()), &self.terse())

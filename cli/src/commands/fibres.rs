@@ -77,39 +77,40 @@ pictures from two sides and in section, summary.json, report.html. All lengths a
 
 Exit codes: 0 done; 1 points lie outside, ends off their areas, or fibres out of order; 2 bad usage or input; 130 after Ctrl-C.")]
 pub(super) struct Arguments {
-    /// The muscle's surface; it may have holes, and be inside out
+    /// The muscle's surface; it may have holes and may be inside out
     muscle: PathBuf,
-    /// Length unit of it and of all other files, such as mm
+    /// Length unit of all files, such as mm
     #[arg(long, value_name = "UNIT")]
     unit: String,
-    /// Where fibres begin
+    /// Area where fibres begin
     #[arg(long, value_name = "AREA")]
     origin: String,
-    /// Where they end
+    /// Area where fibres end
     #[arg(long, value_name = "AREA")]
     insertion: String,
-    /// How the muscle is decomposed
+    /// Method of the decomposition
     #[arg(long, value_name = "NAME", default_value = "harmonic", value_parser = METHODS)]
     method: String,
-    /// How fibres run, for --method springs and slices [default: parallel]
+    /// Course of the fibres, for --method springs and slices [default: parallel]
     #[arg(long, value_name = "NAME", value_parser = Template::NAMED.map(|(name, _)| name))]
     template: Option<String>,
     /// Polylines along fibres on the surface (.vtp, .vtk, .obj), for --method superficial
     #[arg(long, value_name = "FILE", required_if_eq("method", "superficial"))]
     lines: Option<PathBuf>,
-    /// The muscle as areas and lines know it, with the triangles of MUSCLE, which is a frame of a run
+    /// The muscle in the shape of the areas and lines, with the triangles of MUSCLE, a frame of a
+    /// run
     #[arg(long, value_name = "MESH")]
     rest: Option<PathBuf>,
     /// Number of fibres
     #[arg(long, value_name = "N", default_value = "100", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     count: u32,
-    /// Points of each fibre, its ends among them
+    /// Points of each fibre, including its ends
     #[arg(long, value_name = "N", default_value = "15", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     points: u32,
-    /// Passes in which points move towards the middle of their neighbours
+    /// Number of smoothing passes; each moves points towards the midpoint of their neighbours
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=100_000))]
     smooth_steps: u32,
-    /// Share of that way that they move in a pass, 0 to 1
+    /// Share of the distance to that midpoint that a pass moves a point, 0 to 1
     #[arg(long, value_name = "SHARE", default_value = "0.5", allow_negative_numbers = true, value_parser = share)]
     smooth_factor: f64,
     #[command(flatten)]
@@ -227,8 +228,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.output.finish(&Folder::open(&out)?, output)
 }
 
-/// Runs a possibly long computation: shows its progress on standard error after a while, and stops
-/// on Ctrl-C.
+/// Runs a computation that can be long. Shows its progress on standard error after a while, and
+/// stops it on Ctrl-C.
 fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(&dyn Progress) -> T) -> T {
     let shown: OnceCell<Bar> = OnceCell::new();
     let made = work(&|stage: &str, done: usize, of: usize| {

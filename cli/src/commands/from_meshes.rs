@@ -14,19 +14,21 @@ use pliant::simulation::Assets;
 /// Distance from a bone within which a muscle is attached [mm].
 const NEAR_MM: f64 = 3.0;
 
-/// Greatest share of a muscle that one bone holds [%]; for all bones together twice as much.
+/// Greatest share of a muscle that is attached to one bone [%]; for all bones together twice as
+/// much.
 const LIMIT_PERCENT: f64 = 5.0;
 
 /// Meshes to run without a scene file.
 #[derive(Debug, Default, clap::Args)]
 pub(super) struct Meshes {
-    /// Muscle meshes to run without a scene file; needs --unit
+    /// Muscle meshes to run without a scene file; requires --unit
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Without a scene file")]
     muscles: Vec<PathBuf>,
-    /// Bone meshes; bones rest, and hold a muscle where it is within 3 mm
+    /// Bone meshes; bones do not move, and a muscle is attached to a bone within 3 mm
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "muscles", help_heading = "Without a scene file")]
     bones: Vec<PathBuf>,
-    /// Lines along the fibres of the muscles: one file of legacy VTK LINES, or of OBJ `l`, for each muscle in turn
+    /// Lines along the fibres of the muscles: one file of legacy VTK LINES, or of OBJ `l`, per
+    /// muscle in the same order
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "muscles", help_heading = "Without a scene file")]
     fibre_lines: Vec<PathBuf>,
     /// Length unit of all these files, such as mm
@@ -80,7 +82,7 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
         bones,
         fibres,
     };
-    // Only the unchanged meshes show which bones hold which muscle.
+    // Only the unchanged meshes show which bones a muscle is attached to.
     let free = base.toml(&[]);
     let assets = Assets::load(&parse(&free, changes)?).map_err(Failure::of_meshes)?;
     let toml = base.toml(&holders(&assets));
@@ -96,7 +98,7 @@ fn parse(toml: &str, changes: &[String]) -> Result<Scene, Failure> {
     Ok(parse_with(toml, "scene.toml", &surroundings)?)
 }
 
-/// Names the files by their stems, each name once, with absolute paths.
+/// Names the bodies after the stems of their files, each name once, with absolute paths.
 fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Failure> {
     let mut all = Vec::new();
     for path in paths {
@@ -172,7 +174,7 @@ struct Written<'a> {
 }
 
 impl Written<'_> {
-    /// The scene as TOML; `holders` are the bones of each muscle.
+    /// The scene as TOML; `holders` are the bones that each muscle is attached to.
     fn toml(&self, holders: &[Vec<usize>]) -> String {
         let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
         let unit = text(self.unit);
@@ -193,7 +195,7 @@ impl Written<'_> {
                 "\n[[muscle]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"
             ));
             let held = holders.get(m).map_or(&[][..], Vec::as_slice);
-            // All bones together can hold a tenth of a muscle.
+            // All bones together can fix a tenth of a muscle's vertices.
             let limit = LIMIT_PERCENT.min(2.0 * LIMIT_PERCENT / held.len().max(1) as f64);
             for &b in held {
                 let bone = text(&self.bones[b].name);

@@ -32,7 +32,8 @@ const SAY_EVERY: u32 = 10;
 const SMALL: f64 = 0.01;
 const REFINED: usize = 10;
 
-/// Lay skin over implants: areas before, deformed, retracted and grown; which volume gives a wanted area
+/// Simulate skin over implants: areas before, deformed, retracted and grown; the volume for a
+/// target area
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -60,19 +61,20 @@ folder that cannot be written to, before anything is computed; 130 after Ctrl-C,
 pub(super) struct Arguments {
     /// The skin
     skin: PathBuf,
-    /// Length unit of its file, of --at and of obstacles, such as dm
+    /// Length unit of the skin's file, of --at and of obstacles, such as dm
     #[arg(long, value_name = "UNIT")]
     unit: String,
-    /// Middle of the implant: under this vertex of the file, counted from 0
+    /// Centre of the implant: under this vertex of the file, counted from 0
     #[arg(long, value_name = "N", conflicts_with = "at", allow_negative_numbers = true, value_parser = vertex)]
     near_vertex: Option<usize>,
-    /// Middle of the implant: under the point of the skin nearest to this, in the unit of the file
+    /// Centre of the implant: under the point of the skin nearest to this point, in the unit of the
+    /// file
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     at: Option<String>,
     /// Shape of the base: round, oval, crescent or rectangular
     #[arg(long, default_value = "round")]
     shape: String,
-    /// Length of the base; the region of the skin that moves is 1.5 times as wide
+    /// Length of the base; the moving region of the skin is 1.5 times as wide
     #[arg(
         long,
         value_name = "LENGTH",
@@ -83,7 +85,8 @@ pub(super) struct Arguments {
     /// Direction of the longer side [default: an axis of space]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     long: Option<String>,
-    /// Volume of the implant: at least that of a dome of a hundredth of the base, at most what the base takes
+    /// Volume of the implant: at least that of a dome with a height of a hundredth of the base, at
+    /// most what fits on the base
     #[arg(
         long,
         value_name = "VOLUME",
@@ -91,7 +94,7 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     volume: String,
-    /// How deep under the skin the implant goes, at most half of the base
+    /// Depth of the implant under the skin, at most half of the base
     #[arg(
         long,
         value_name = "LENGTH",
@@ -99,11 +102,13 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     depth: String,
-    /// Edges of the skin, at most a quarter of the base: where it is coarser it is refined. They change the region, too: it ends
-    /// with whole triangles, and so do the areas before and after [default: the base over 20]
+    /// Edge length of the skin, at most a quarter of the base; a coarser skin is refined. The edge
+    /// length also changes the region, because it ends with whole triangles, and so the areas
+    /// before and after [default: the base over 20]
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     edge: Option<String>,
-    /// Thickness of the skin that bears tension, at most half of the base; assumed unless given
+    /// Thickness of the skin that bears tension, at most half of the base; the default is an
+    /// assumption
     #[arg(
         long,
         value_name = "LENGTH",
@@ -111,7 +116,7 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     thickness: String,
-    /// Young's modulus of the skin; assumed unless given
+    /// Young's modulus of the skin; the default is an assumption
     #[arg(
         long,
         value_name = "PRESSURE",
@@ -119,18 +124,20 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     modulus: String,
-    /// One of several implants, as 'near-vertex=N volume=80cc shape=oval base=6cm' or with at=X,Y,Z, long=X,Y,Z or
-    /// fill=0:30cc,7:60cc; what it does not name is as given by the other options
+    /// One of several implants, as 'near-vertex=N volume=80cc shape=oval base=6cm' or with
+    /// at=X,Y,Z, long=X,Y,Z or fill=0:30cc,7:60cc; the other options give the values of missing
+    /// keys
     #[arg(long, value_name = "KEYS")]
     implant: Vec<String>,
-    /// Meshes under the skin that implants rest on, such as the skull, in the unit of the skin [default: what is under the skin
-    /// as it is]
+    /// Meshes under the skin that support implants, such as the skull, in the unit of the skin
+    /// [default: the rigid initial surface under the skin]
     #[arg(long, value_name = "FILE", num_args = 1..)]
     obstacle: Vec<PathBuf>,
-    /// Find the volume of which the region gains this area while the implant is in
+    /// Find the volume for which the region gains this area while the implant is in
     #[arg(long, value_name = "AREA", conflicts_with_all = ["volumes", "implant"], allow_hyphen_values = true)]
     wanted_area: Option<String>,
-    /// Areas for each of these volumes, in cc where no unit is given; the last one is shown
+    /// Compute the areas for each of these volumes, in cc if no unit is given; the last one is
+    /// shown
     #[arg(
         long,
         value_name = "LIST",
@@ -138,10 +145,12 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     volumes: Option<String>,
-    /// Fill the implant over days, as DAY:VOLUME,... : areas after each filling; the last one is shown
+    /// Fill the implant over days, as DAY:VOLUME,...: areas after each filling; the last one is
+    /// shown
     #[arg(long, value_name = "LIST", conflicts_with_all = ["volumes", "wanted_area", "volume"], allow_hyphen_values = true)]
     fill: Option<String>,
-    /// Stretch above which skin is marked as stretched too far; a finding, which no exit code tells
+    /// Stretch above which skin is reported as overstretched; this is a finding and does not change
+    /// the exit code
     #[arg(
         long,
         value_name = "RATIO",

@@ -41,7 +41,7 @@ const BAD_INPUT: u8 = 2;
 /// Interrupted by Ctrl-C.
 const INTERRUPTED: u8 = 130;
 
-/// Verified deformation of soft tissue: muscles that slide around moving bones, with the accuracy shown.
+/// Verified deformation of soft tissue: muscles that slide around moving bones, with known accuracy
 #[derive(Debug, Parser)]
 #[command(
     name = "pliant",
@@ -65,13 +65,15 @@ struct Arguments {
 enum Command {
     /// Run a scene and write frames, measures, a summary and a report
     Run(Box<run::Arguments>),
-    /// Open a window on a running scene, and steer it
+    /// Open a window on a running scene, and control it
     View(view::Arguments),
-    /// Tell which effects a scene will run, on how much, and what is left out and why
+    /// Show which effects a scene runs, on how many elements, and which ones are left out and why
     Plan(plan::Arguments),
-    /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
+    /// Measure the cost of accuracy in a scene: errors and times of many solvers and settings
+    /// against a reference
     Accuracy(accuracy::Arguments),
-    /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
+    /// Run all combinations of lists of values over a scene, and compare them in one table and on
+    /// one sheet of pictures
     Study(study::Arguments),
     /// Run a mass-spring system to rest: one from a file, or a lattice
     Springs(Box<springs::Arguments>),
@@ -79,19 +81,21 @@ enum Command {
     Biceps(biceps::Arguments),
     /// Fill a muscle with fibres from its origin to its insertion
     Fibres(Box<fibres::Arguments>),
-    /// Fibres of muscles through the turn of a joint: lengths and moment arms
+    /// Compute lengths and moment arms of a muscle's fibres during the rotation of a joint
     MomentArms(moment_arms::Arguments),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
-    /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
+    /// Show the defects of meshes and whether a simulation accepts them, and repair them
     Check(check::Arguments),
     /// Write a mesh in another format or unit
     Convert(convert::Arguments),
-    /// Blend two closed surfaces: which place belongs to which, shapes and point data in between
+    /// Blend two closed surfaces: their correspondence, intermediate shapes and intermediate point
+    /// data
     Morph(morph::Arguments),
-    /// Lay one surface onto another: turned and moved, scaled, or bent
+    /// Register one surface to another: rigid, with scaling, or bent
     Register(register::Arguments),
-    /// Lay skin over implants: areas before, deformed, retracted and grown; which volume gives a wanted area
+    /// Simulate skin over implants: areas before, deformed, retracted and grown; the volume for a
+    /// target area
     Implant(Box<implant::Arguments>),
 }
 

@@ -29,7 +29,7 @@ use pliant_render::Frame;
 /// Greatest number of fibre points of a muscle: each stores a number per vertex.
 const MOST_POINTS: u64 = 20_000;
 
-/// Fibres of muscles through the turn of a joint: lengths and moment arms
+/// Compute lengths and moment arms of a muscle's fibres during the rotation of a joint
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -50,7 +50,7 @@ pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]
     scene: String,
-    /// The joint, by its name or by that of the bone that turns about it
+    /// Name of the joint, or of the bone that rotates about it
     #[arg(long, value_name = "NAME")]
     joint: String,
     /// First angle, such as -10deg
@@ -69,7 +69,7 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     to: String,
-    /// Angle between two values
+    /// Increment of the angle
     #[arg(
         long,
         value_name = "ANGLE",
@@ -77,28 +77,30 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     step: String,
-    /// Axis to turn about instead of the joint's
+    /// Axis of rotation instead of the axis of the joint
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = axis)]
     axis: Option<Unit<Vector3<f64>>>,
-    /// Fibres of each muscle
+    /// Number of fibres per muscle
     #[arg(long, value_name = "N", default_value = "100", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     count: u32,
-    /// Points of each fibre
+    /// Number of points per fibre
     #[arg(long, value_name = "N", default_value = "15", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     points: u32,
-    /// What moves the muscles: the turn spread over each and corrected for bones and volume, or the scene's solver
+    /// Motion of the muscles: the rotation spread over each muscle and corrected for bones and
+    /// volume, or the scene's solver
     #[arg(long, value_name = "WHAT", default_value = "spread")]
     motion: Motion,
-    /// Frames from one value to the next, of the scene's solver
+    /// Frames per increment of the angle, for the scene's solver
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
-    /// Values on each side of each that the slope of the length is fitted to, by a cubic; 0 takes differences as they are
+    /// Number of neighbouring values on each side for the cubic fit of the slope of the length; 0
+    /// takes differences without a fit
     #[arg(long, value_name = "N", default_value = "4", value_parser = around)]
     smooth: usize,
-    /// A table of moment arms to compare with; may be given several times
+    /// A table of moment arms for comparison; may be given several times
     #[arg(long, value_name = "FILE")]
     compare: Vec<PathBuf>,
-    /// What the tables call the angle [default: JOINT_flexion]
+    /// Name of the angle in tables [default: JOINT_flexion]
     #[arg(long, value_name = "NAME")]
     coordinate: Option<String>,
     #[command(flatten)]
@@ -178,7 +180,7 @@ struct Written<'a> {
     done: usize,
     series: Collection,
     pictures: Vec<(String, Frame)>,
-    /// What kept a file from being written.
+    /// The error that prevented a file from being written.
     failed: Option<FolderError>,
 }
 

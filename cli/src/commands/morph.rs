@@ -24,7 +24,7 @@ use pliant::morph::sphere::SphereError;
 use pliant::morph::sphere::relaxation::Relaxation;
 use pliant::simulation::LoadError;
 
-/// Blend two closed surfaces: which place belongs to which, shapes and point data in between
+/// Blend two closed surfaces: their correspondence, intermediate shapes and intermediate point data
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -52,22 +52,23 @@ pub(super) struct Arguments {
     a: PathBuf,
     /// The surface at t = 1
     b: PathBuf,
-    /// Length unit of both files, such as mm: results are in metres [default: results are in the unit of the files]
+    /// Length unit of both files, such as mm; results are then in metres [default: results in the
+    /// unit of the files]
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
-    /// Vertices that must meet
+    /// File of pairs of vertices that must coincide
     #[arg(long, value_name = "FILE")]
     pairs: Option<PathBuf>,
-    /// How surfaces are spread over the sphere
+    /// Method of the map to the sphere
     #[arg(long, value_name = "NAME", default_value = "robust", value_parser = ["robust", "relaxation"])]
     method: String,
-    /// How shapes are blended
+    /// Method of the blend
     #[arg(long, value_name = "NAME", default_value = "linear", value_parser = ["linear", "hermite", "laplacian"])]
     blend: String,
-    /// Shapes, both ends included
+    /// Number of shapes, including both ends
     #[arg(long, value_name = "N", default_value = "25", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     frames: u32,
-    /// Vertices and triangles in between: of both surfaces, or of A
+    /// Vertices and triangles of intermediate shapes: of both surfaces, or of A
     #[arg(long, value_name = "WHICH", default_value = "merged", value_parser = ["merged", "first"])]
     topology: String,
     #[command(flatten)]

@@ -26,19 +26,19 @@ Change the scene before it is checked: PATH=VALUE
   --set solver=NAME                       change the solver, with its default settings
 Texts need no quotes. May be given several times; the last one wins.";
 
-/// What goes to standard output.
+/// The output to the terminal.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Printing {
-    /// Write the summary as JSON to standard output, and nothing else
+    /// Write the summary as JSON to standard output, and no other text
     #[arg(long, global = true)]
     pub(super) json: bool,
-    /// Write nothing to standard output, but JSON with --json
+    /// Write nothing to standard output, except JSON with --json
     #[arg(long, global = true)]
     pub(super) quiet: bool,
 }
 
 impl Printing {
-    /// Says a text to a person, unless standard output is for JSON or for nothing.
+    /// Prints a text, unless standard output is for JSON or quiet.
     pub(super) fn say(&self, text: &str) {
         if !self.json && !self.quiet {
             say(text);
@@ -49,13 +49,13 @@ impl Printing {
 /// The threads of a computation.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Threads {
-    /// Number of threads [default: one for each core]; the results do not depend on it
+    /// Number of threads [default: one per core]; the results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
 }
 
 impl Threads {
-    /// How many there are.
+    /// The number of threads.
     pub(super) fn count(self) -> usize {
         let cores = std::thread::available_parallelism().map_or(1, Into::into);
         self.threads.map_or(cores, usize::from)
@@ -64,7 +64,8 @@ impl Threads {
     /// Starts the threads.
     pub(super) fn start(self) {
         if let Some(threads) = self.threads {
-            // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+            // Fails only if a pool exists already or the system provides no threads. Then the
+            // default pool is used.
             let _ = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads.into())
                 .build_global();
@@ -75,13 +76,13 @@ impl Threads {
 /// The folder of results.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(super) struct Out {
-    /// Folder of the results [default: pliant-out/NAME, named after what is computed]
+    /// Folder of the results [default: pliant-out/NAME, named after the job]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 }
 
 impl Out {
-    /// The folder: `pliant-out/NAME-JOB`, without `-JOB` where `job` is empty, unless another is given.
+    /// The folder: the given one, or `pliant-out/NAME-JOB`, without `-JOB` if `job` is empty.
     pub(super) fn folder(&self, name: &str, job: &str) -> PathBuf {
         let dash = if job.is_empty() { "" } else { "-" };
         let default =
@@ -102,12 +103,12 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// The folder of the results, see [`Out::folder`].
+    /// The folder of the results; see [`Out::folder`].
     pub(super) fn folder(&self, name: &str, job: &str) -> PathBuf {
         self.out.folder(name, job)
     }
 
-    /// Writes a result into its folder, says it, and returns the exit code.
+    /// Writes a result into its folder, prints it, and returns the exit code.
     pub(super) fn finish(&self, folder: &Folder, output: RunOutput<'_>) -> Result<u8, Failure> {
         let summary = output.summary();
         let code = match (output.interrupted, output.passed()) {

@@ -10,7 +10,7 @@ use pliant::scene::Content;
 use pliant::simulation::plan::{LeftOut, Planned};
 use pliant::simulation::{Assets, Plan, scenario};
 
-/// Tell which effects a scene will run, on how much, and what is left out and why
+/// Show which effects a scene runs, on how many elements, and which ones are left out and why
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-/// A note without a muscle concerns all muscles.
+/// A note without a muscle is about all muscles.
 fn all(muscle: &str) -> String {
     if muscle.is_empty() {
         "(all)".to_owned()

@@ -32,7 +32,7 @@ pub(super) struct Bar {
 }
 
 impl Bar {
-    /// A bar of this number of steps, drawn by a template of indicatif.
+    /// A bar with this number of steps and this template of indicatif.
     fn new(steps: usize, template: &str) -> Self {
         let bar = std::io::stderr().is_terminal().then(|| {
             let style = ProgressStyle::with_template(template)
@@ -47,12 +47,12 @@ impl Bar {
         }
     }
 
-    /// A frame is complete.
+    /// For a run of this number of frames.
     pub(super) fn of_frames(frames: usize) -> Self {
         Self::new(frames, "  {bar:30} {pos}/{len}  {msg}  {eta} left")
     }
 
-    /// Of so many frames or parts that tell what they are at.
+    /// For this number of frames or parts, with messages about the present one.
     pub(super) fn of_parts(parts: usize) -> Self {
         Self::new(parts, "  {bar:30} {pos}/{len}  {msg}")
     }
@@ -62,12 +62,12 @@ impl Bar {
         Self::new(steps, "  {bar:30} {pos}/at most {len}  {msg}")
     }
 
-    /// Of so many frames of several runs.
+    /// For this number of frames of several runs.
     pub(super) fn of_runs(frames: usize) -> Self {
         Self::new(frames, "  {bar:30} {pos}/{len} frames  {eta} left")
     }
 
-    /// A frame of muscles is done.
+    /// Reports a completed frame of muscles.
     pub(super) fn muscles(&self, frame: usize, took: Duration, measures: &[Measures]) {
         let due = frame.is_multiple_of(LINE_EVERY) || frame == self.steps;
         if self.bar.is_none() && !due {
@@ -117,7 +117,7 @@ impl Bar {
         }
     }
 
-    /// Sets the counts of done and of all steps, on a terminal.
+    /// Sets the numbers of completed steps and of all steps, on a terminal.
     pub(super) fn reach(&self, done: usize, of: usize) {
         if let Some(bar) = &self.bar {
             bar.set_length(of as u64);
@@ -125,14 +125,14 @@ impl Bar {
         }
     }
 
-    /// A frame is in progress.
+    /// Reports a frame in progress.
     pub(super) fn advance(&self) {
         if let Some(bar) = &self.bar {
             bar.inc(1);
         }
     }
 
-    /// A frame is done.
+    /// Reports a completed frame.
     fn frame(&self, frame: usize) {
         let took = restart(&self.last);
         match &self.bar {
@@ -146,7 +146,7 @@ impl Bar {
         }
     }
 
-    /// A line above the bar; on a pipe with what `more` adds.
+    /// Prints a line above the bar; on a pipe with the text of `more`.
     pub(super) fn say(&self, line: &str, more: impl FnOnce() -> String) {
         match &self.bar {
             Some(bar) => bar.println(line),
@@ -170,20 +170,20 @@ impl Bar {
     }
 }
 
-/// Sets a clock to now; the time since it was last set.
+/// Sets a clock to the present time. Returns the time since it was last set.
 fn restart(clock: &Mutex<Instant>) -> Duration {
     let mut clock = clock.lock().unwrap_or_else(PoisonError::into_inner);
     std::mem::replace(&mut *clock, Instant::now()).elapsed()
 }
 
-/// A bar over the frames of a run that Ctrl-C stops.
+/// A bar over the frames of a run that Ctrl-C can stop.
 pub(super) struct Stoppable<'a> {
     pub(super) bar: Bar,
     stop: &'a AtomicBool,
 }
 
 impl<'a> Stoppable<'a> {
-    /// For a run of this number of frames, which the flag stops.
+    /// For a run of this number of frames, stopped by the flag.
     pub(super) fn new(frames: usize, stop: &'a AtomicBool) -> Self {
         let bar = Bar::of_parts(frames);
         Self { bar, stop }
@@ -201,7 +201,7 @@ impl Progress for Stoppable<'_> {
     }
 }
 
-/// Ends a computation once the flag is raised.
+/// Ends a computation when the flag is set.
 pub(super) fn if_raised(stop: &AtomicBool) -> ControlFlow<()> {
     match stop.load(Ordering::Relaxed) {
         true => ControlFlow::Break(()),

@@ -18,7 +18,7 @@ use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surf
 /// Greatest number of vertices of each surface in the search for a start; more do not improve it.
 const MOST: usize = 20_000;
 
-/// Lay one surface onto another: turned and moved, scaled, or bent
+/// Register one surface to another: rigid, with scaling, or bent
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -39,24 +39,25 @@ after Ctrl-C, with nothing written.")]
 pub(super) struct Arguments {
     /// The surface that moves
     a: PathBuf,
-    /// The surface that it is laid onto
+    /// The surface that does not move
     b: PathBuf,
-    /// Length unit of both files, such as mm: results are in metres [default: results are in the unit of the files]
+    /// Length unit of both files, such as mm; results are then in metres [default: results in the
+    /// unit of the files]
     #[arg(long, value_name = "UNIT")]
     unit: Option<String>,
-    /// Motions: turned and moved, or scaled as well
+    /// Kind of motion: rigid, or with scaling
     #[arg(long, value_name = "MOTION", default_value = "rigid", value_parser = ["rigid", "similarity"])]
     with: String,
-    /// Then bend A by clusters
+    /// Also bend A by clusters
     #[arg(long)]
     non_rigid: bool,
-    /// Clusters that bend
+    /// Number of clusters
     #[arg(long, value_name = "N", default_value = "100", requires = "non_rigid", value_parser = clap::value_parser!(u32).range(2..=5000))]
     clusters: u32,
-    /// Share of A that has a place on B, at least
+    /// Least share of A that has a counterpart on B
     #[arg(long, value_name = "SHARE", default_value = "0.4", allow_negative_numbers = true, value_parser = share)]
     overlap: f64,
-    /// Of the draws
+    /// Seed of the random draws
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
     #[command(flatten)]

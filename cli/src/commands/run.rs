@@ -54,24 +54,26 @@ pub(super) struct Arguments {
     output: Output,
     #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
-    /// Number of frames, instead of the scene's
+    /// Number of frames, instead of the number in the scene
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     frames: Option<u32>,
-    /// Error that is allowed, "0.5 mm" or "1 %" of the muscle's length: choose solver and settings for it from a
-    /// study of the first frames
+    /// Permitted error, "0.5 mm" or "1 %" of the muscle's length: a study of the first frames
+    /// chooses solver and settings for it
     #[arg(long, value_name = "ERROR")]
     accuracy: Option<String>,
-    /// Fail (exit code 1) if any frame of any muscle is not converged
+    /// Fail (exit code 1) if any frame of any muscle has not converged
     #[arg(long)]
     strict: bool,
     /// Also write NAME.gif, an animation of every fourth frame
     #[arg(long, value_name = "FORMAT")]
     animate: Option<Animation>,
-    /// Write checkpoint.pliant into the folder of the results every N frames, at the end and on Ctrl-C
+    /// Write checkpoint.pliant into the folder of the results every N frames, at the end and on
+    /// Ctrl-C
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     checkpoint_every: Option<u32>,
-    /// Go on from the checkpoint in the folder of the results, as if the run had never stopped; give the same scene and
-    /// changes again. --frames may be larger than before; checkpoints go on as often as before
+    /// Continue from the checkpoint in the folder of the results, with the results of an
+    /// uninterrupted run; give the same scene and changes. --frames may be larger than before; the
+    /// interval of checkpoints stays the same
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
@@ -214,7 +216,7 @@ fn choose(
     Ok(Some(chosen))
 }
 
-/// Runs to the last frame, to Ctrl-C, or until every muscle has stopped.
+/// Runs until the last frame, Ctrl-C, or until every muscle has stopped.
 fn advance(
     simulation: &mut Simulation,
     results: Results,
@@ -235,7 +237,7 @@ fn advance(
     Ok(results.finish(simulation, settings, ended == Ended::Interrupted, chosen)?)
 }
 
-/// Results that are gathered, and a bar that shows the measures of each frame.
+/// Collects results, and shows the measures of each frame in a bar.
 struct Shown {
     results: Results,
     bar: Bar,

@@ -57,10 +57,10 @@ pub(super) struct Arguments {
     /// A file of a spring system
     #[arg(conflicts_with = "lattice")]
     file: Option<PathBuf>,
-    /// A block of points in place of a file, such as 50x50x50
+    /// A lattice of points instead of a file, such as 50x50x50
     #[arg(long, value_name = "NxNxN", value_parser = built::sides)]
     lattice: Option<[usize; 3]>,
-    /// Neighbours that each point of a lattice is joined to: 6 or 26 [default: 6]
+    /// Number of neighbours of each point of a lattice: 6 or 26 [default: 6]
     #[arg(long, value_name = "N", requires = "lattice", conflicts_with = "file", value_parser = neighbours)]
     neighbours: Option<Neighbours>,
     /// Longest side of a lattice [m] [default: 1]
@@ -69,28 +69,30 @@ pub(super) struct Arguments {
     /// Mass of each point [kg]
     #[arg(long, value_name = "M", default_value = "1", allow_negative_numbers = true, value_parser = positive)]
     mass: f64,
-    /// Force against the velocity of each point [N s/m] [default: the estimate (7.2)]
+    /// Damping of each point: force over velocity [N s/m] [default: the estimate (7.2)]
     #[arg(long, value_name = "C", allow_negative_numbers = true, value_parser = not_negative)]
     damping: Option<f64>,
-    /// Step [s] [default: half of the longest stable one]
+    /// Time step [s] [default: half of the longest stable one]
     #[arg(long, value_name = "DT", allow_negative_numbers = true, value_parser = positive)]
     dt: Option<f64>,
-    /// How steps are made
+    /// Integrator
     #[arg(long, value_name = "NAME", default_value = "verlet", value_parser = INTEGRATORS)]
     integrator: String,
-    /// Let the step grow while it is stable; halve it and do it again where it is not
+    /// Adaptive time step: it grows while it is stable; an unstable step is repeated with half the
+    /// length
     #[arg(long)]
     adaptive: bool,
-    /// Points that are held: those of the surface, or none
+    /// Fixed points: those of the surface, or none
     #[arg(long, value_name = "WHICH", default_value = "surface", value_parser = ["surface", "none"])]
     pin: String,
-    /// Share of the way to the centre that points of the surface are moved at the start
+    /// Displacement of the surface at the start, as a share of the distance to the centre
     #[arg(long, value_name = "SHARE", default_value = "0.02", allow_negative_numbers = true, value_parser = share)]
     shrink: f64,
-    /// It is at rest when no force is above this share of what a strain of one would give, and motion is as small
+    /// Tolerance of rest: largest force relative to the force at a strain of one; motion must be
+    /// equally small
     #[arg(long, value_name = "SHARE", default_value = "1e-6", allow_negative_numbers = true, value_parser = tolerance)]
     tolerance: f64,
-    /// Steps at most [default: 10000; without any damping 1000]
+    /// Greatest number of steps [default: 10000; 1000 without damping]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     steps: Option<u32>,
     /// Also write a frame every N steps
@@ -195,7 +197,7 @@ impl Summary {
     }
 }
 
-/// The system that is described.
+/// The described system.
 fn built(arguments: &Arguments) -> Result<Built, Failure> {
     match (&arguments.file, arguments.lattice) {
         (Some(file), _) => Built::of_file(file, arguments.mass),
@@ -230,7 +232,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ));
         }
     };
-    // For the shape at rest: the inner springs are softer where the surface is displaced.
+    // Computed for the shape at rest: the displacement of the surface softens the inner springs.
     let stiffest = stiffest(&built.system);
     let Chosen {
         integrator,
@@ -358,7 +360,7 @@ fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure>
     } else {
         5.0 * limit(&Verlet::default(), stiffest)
     };
-    // If nothing moves, any step is valid.
+    // If nothing moves, any step is stable.
     let step = if step.is_finite() { step } else { 1.0 };
     let dt = arguments.dt.unwrap_or(step);
     if !(dt > 0.0) {

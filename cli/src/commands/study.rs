@@ -19,7 +19,8 @@ use crate::study::{Combination, Combinations, Findings, Outcome, execute, findin
 use pliant::progress::Progress;
 use pliant::scene::StudyFile;
 
-/// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
+/// Run all combinations of lists of values over a scene, and compare them in one table and on one
+/// sheet of pictures
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -48,10 +49,10 @@ pub(super) struct Arguments {
     output: Output,
     #[arg(long, value_name = "KEY=VALUE", help = "Change the scene of all runs; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
-    /// Run everything again, also what is finished
+    /// Run all combinations again, including complete ones
     #[arg(long)]
     fresh: bool,
-    /// Only list the runs and the time that they are expected to take
+    /// Only list the runs and the expected time
     #[arg(long)]
     dry_run: bool,
 }

@@ -10,7 +10,7 @@ use pliant_viewer::{Pace, Recipe, Replay, Session, StartError, window};
 #[cfg(feature = "viewer")]
 const FIRST_SCENE: &str = "hip";
 
-/// Open a window on a running scene, and steer it: every number, bones, vertices, implants, nodes
+/// Open a window on a running scene, and control it: every number, bones, vertices, implants, nodes
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -32,10 +32,10 @@ pub(super) struct Arguments {
     scene: Option<String>,
     #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help(), conflicts_with = "replay")]
     set: Vec<String>,
-    /// Play the finished run in this folder, any frame, forward and back
+    /// Play the finished run in this folder: any frame, forwards and backwards
     #[arg(long, value_name = "DIR")]
     replay: Option<PathBuf>,
-    /// Begin paused
+    /// Start paused
     #[arg(long)]
     paused: bool,
     #[command(flatten)]
@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     /// Width and height of the window in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
     size: (u32, u32),
-    /// Write what the window shows to this file, a line of JSON a picture; for tests
+    /// Write the content of the window to this file, a line of JSON per picture; for tests
     #[arg(long, value_name = "FILE", hide = true)]
     trace: Option<PathBuf>,
     #[command(flatten)]
@@ -70,7 +70,8 @@ pub(super) fn run(_: &Arguments) -> Result<u8, Failure> {
     Ok(super::FAILED)
 }
 
-/// Calls `open` with no message of a panic on the terminal: where there is no screen, the error that follows says so.
+/// Calls `open` without printing the message of a panic. If there is no display, the error that
+/// follows explains it.
 #[cfg(feature = "viewer")]
 fn quietly(open: &mut dyn FnMut()) {
     let hook = std::panic::take_hook();

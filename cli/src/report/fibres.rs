@@ -97,7 +97,7 @@ pub struct Bundle<'a> {
     pub each: &'a [FibreMeasures],
     /// Measures of all.
     pub summary: &'a Summary,
-    /// What the reader has to know.
+    /// Information that the reader needs.
     pub notes: &'a [String],
     /// Wall time of all of it [s].
     pub time_s: f64,

@@ -51,7 +51,7 @@ fn csv(run: &LatticeRun) -> String {
     text
 }
 
-/// What there is to tell of a lattice after its last frame.
+/// The report data of a lattice after its last frame.
 pub fn account(run: &LatticeRun) -> Account {
     let (lattice, time_s) = (
         &run.lattice,

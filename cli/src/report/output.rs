@@ -1,4 +1,5 @@
-//! The result of a command as data, and the one writer of `summary.json`, CSV files, pictures and `report.html`.
+//! The result of a command as data, and the one writer of `summary.json`, CSV files, pictures and
+//! `report.html`.
 //!
 //! `docs/summary.md` explains the summary, `docs/summary.schema.json` is its schema.
 
@@ -12,31 +13,31 @@ use super::folder::{Folder, FolderError};
 use super::{LinePlot, Report, Table};
 use pliant::format::number;
 
-/// Version of the form of summaries; it grows when a key changes its name or its meaning.
+/// Version of the format of summaries. It increases when a key changes its name or its meaning.
 pub const FORMAT: u32 = 1;
 
 /// The result of one check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Verdict {
-    /// The property that is checked, in words.
+    /// The checked property, in words.
     pub name: String,
-    /// The value that was found; none where the property has no number.
+    /// The measured value; `None` if the property has no number.
     pub value: Option<f64>,
-    /// The value that is still allowed.
+    /// The greatest or least permitted value.
     pub limit: Option<f64>,
-    /// Unit of value and limit; none of a pure number.
+    /// Unit of value and limit; `None` for a pure number.
     pub unit: Option<&'static str>,
     /// Whether the property holds.
     pub passed: bool,
-    /// The part of the result that was checked, and where the value was found.
+    /// The checked part of the result, and the location of the value.
     #[serde(rename = "where")]
     pub place: Option<String>,
-    /// What a user can do about a failure.
+    /// Advice for the user after a failure.
     pub what_to_do: Option<String>,
 }
 
 impl Verdict {
-    /// A property without a number.
+    /// A verdict on a property without a number.
     pub fn new(name: impl Into<String>, passed: bool) -> Self {
         Self {
             name: name.into(),
@@ -49,13 +50,13 @@ impl Verdict {
         }
     }
 
-    /// A value that must not be above a limit; NaN fails.
+    /// A value that must not exceed a limit; NaN fails.
     pub fn at_most(name: impl Into<String>, value: f64, limit: f64) -> Self {
         let passed = value <= limit;
         Self::new(name, passed).with_value(value).with_limit(limit)
     }
 
-    /// A value that must not be below a limit; NaN fails.
+    /// A value that must not fall below a limit; NaN fails.
     pub fn at_least(name: impl Into<String>, value: f64, limit: f64) -> Self {
         let passed = value >= limit;
         Self::new(name, passed).with_value(value).with_limit(limit)
@@ -66,7 +67,7 @@ impl Verdict {
         Self::at_most(name, count as f64, 0.0)
     }
 
-    /// With the value that was found.
+    /// Adds the measured value.
     pub fn with_value(self, value: f64) -> Self {
         Self {
             value: Some(value),
@@ -74,7 +75,7 @@ impl Verdict {
         }
     }
 
-    /// With the value that is still allowed.
+    /// Adds the permitted value.
     pub fn with_limit(self, limit: f64) -> Self {
         Self {
             limit: Some(limit),
@@ -82,7 +83,7 @@ impl Verdict {
         }
     }
 
-    /// With the unit of value and limit.
+    /// Adds the unit of value and limit.
     pub fn in_unit(self, unit: &'static str) -> Self {
         Self {
             unit: Some(unit),
@@ -90,7 +91,7 @@ impl Verdict {
         }
     }
 
-    /// With the part of the result that was checked.
+    /// Adds the checked part of the result.
     pub fn at(self, place: impl Into<String>) -> Self {
         Self {
             place: Some(place.into()),
@@ -98,7 +99,7 @@ impl Verdict {
         }
     }
 
-    /// With what a user can do about a failure.
+    /// Adds advice for the user after a failure.
     pub fn else_do(self, what: impl Into<String>) -> Self {
         Self {
             what_to_do: Some(what.into()),
@@ -106,7 +107,7 @@ impl Verdict {
         }
     }
 
-    /// Value and limit for people; empty without a value.
+    /// Value and limit as text; empty without a value.
     pub fn found(&self) -> String {
         let Some(value) = self.value else {
             return String::new();
@@ -117,7 +118,7 @@ impl Verdict {
         format!("{}{limit}", with_unit(value, self.unit))
     }
 
-    /// The verdict as a line for people.
+    /// The verdict as one line of text.
     pub fn to_text(&self) -> String {
         let place = self.place.iter().map(String::clone);
         let found = Some(self.found()).filter(|found| !found.is_empty());
@@ -126,7 +127,7 @@ impl Verdict {
     }
 }
 
-/// A value for people; lengths in mm.
+/// A value as text; lengths in mm.
 fn with_unit(value: f64, unit: Option<&'static str>) -> String {
     match unit {
         Some("m") => format!("{} mm", number(value * 1e3)),
@@ -152,7 +153,7 @@ pub fn verdict_table(verdicts: &[Verdict]) -> Table {
 /// A picture of the page, PNG or GIF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Its file in the folder of the results.
+    /// File name in the folder of the results.
     pub file: String,
     /// What it shows.
     pub caption: String,
@@ -165,15 +166,15 @@ pub struct Picture {
 /// A plot of the page.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
-    /// Its SVG file in the folder of the results; none of a plot that is on the page only.
+    /// SVG file in the folder of the results; `None` for a plot that is only on the page.
     pub file: Option<String>,
     /// The plot.
     pub plot: LinePlot,
 }
 
-/// A CSV file; rows are made as they are written.
+/// A CSV file. Each row is made when it is written.
 pub struct DataFile<'a> {
-    /// Its name in the folder of the results.
+    /// File name in the folder of the results.
     pub file: &'static str,
     /// Names of the columns.
     pub columns: Vec<String>,
@@ -182,7 +183,7 @@ pub struct DataFile<'a> {
 }
 
 impl<'a> DataFile<'a> {
-    /// A file of these columns and rows.
+    /// A file with these columns and rows.
     pub fn new(
         file: &'static str,
         columns: impl IntoIterator<Item = impl Into<String>>,
@@ -198,7 +199,8 @@ impl<'a> DataFile<'a> {
     /// Writes the file as CSV.
     ///
     /// # Errors
-    /// What the operating system refuses; a row with another number of cells than columns.
+    /// An error of the operating system; a row whose number of cells differs from the number of
+    /// columns.
     pub fn write(self, to: impl Write) -> io::Result<()> {
         let mut writer = csv::Writer::from_writer(to);
         writer.write_record(&self.columns)?;
@@ -209,19 +211,19 @@ impl<'a> DataFile<'a> {
     }
 }
 
-/// What writes a file of an own format to a path.
+/// A function that writes a file of another format to a path.
 pub type Fill<'a> = Box<dyn FnOnce(&Path) -> io::Result<()> + 'a>;
 
-/// A file of an own format, such as a mesh.
+/// A file of another format, such as a mesh.
 pub struct OutputFile<'a> {
-    /// Its name in the folder of the results, with `/` between folders.
+    /// File name in the folder of the results, with `/` between folders.
     pub name: String,
-    /// Writes it.
+    /// Writes the file.
     pub fill: Fill<'a>,
 }
 
 impl<'a> OutputFile<'a> {
-    /// A file and what writes it.
+    /// A file with the function that writes it.
     pub fn new(name: impl Into<String>, fill: impl FnOnce(&Path) -> io::Result<()> + 'a) -> Self {
         Self {
             name: name.into(),
@@ -233,7 +235,7 @@ impl<'a> OutputFile<'a> {
 /// The result of a command.
 #[derive(Default)]
 pub struct RunOutput<'a> {
-    /// The kind of job: the key under which `measures` stand in the summary.
+    /// The kind of job: the key of `measures` in the summary.
     pub kind: &'static str,
     /// Name of the job.
     pub name: String,
@@ -241,13 +243,13 @@ pub struct RunOutput<'a> {
     pub measures: Value,
     /// Checks.
     pub verdicts: Vec<Verdict>,
-    /// What was found and is neither right nor wrong.
+    /// Observations that are neither right nor wrong.
     pub findings: Vec<String>,
-    /// What the reader has to know of this result.
+    /// Information that a reader of this result needs.
     pub notes: Vec<String>,
-    /// Whether the user stopped it, so that a part is missing.
+    /// Whether the user stopped the job, so that a part of the result is missing.
     pub interrupted: bool,
-    /// Wall time of all of it [s].
+    /// Wall time of the whole job [s].
     pub time_s: f64,
     /// Heading of the page.
     pub title: String,
@@ -255,7 +257,7 @@ pub struct RunOutput<'a> {
     pub subtitle: String,
     /// First lines on the terminal.
     pub text: String,
-    /// How many of the first tables a terminal shows.
+    /// Number of tables that a terminal shows, from the first.
     pub tables_of_text: usize,
     /// Tables of the page.
     pub tables: Vec<Table>,
@@ -265,13 +267,13 @@ pub struct RunOutput<'a> {
     pub plots: Vec<Plot>,
     /// Pictures of the page.
     pub pictures: Vec<Picture>,
-    /// Explanations at the end of the page, the same for each result of this kind.
+    /// Explanations at the end of the page, equal for all results of this kind.
     pub explanations: Vec<String>,
     /// CSV files.
     pub data: Vec<DataFile<'a>>,
     /// Files of other formats.
     pub files: Vec<OutputFile<'a>>,
-    /// Files that were written while it ran.
+    /// Files written during the job.
     pub written: Vec<String>,
 }
 
@@ -281,7 +283,7 @@ impl RunOutput<'_> {
         self.verdicts.iter().all(|v| v.passed)
     }
 
-    /// The result as `summary.json` holds it; a number that is not finite is null.
+    /// The content of `summary.json`. A number that is not finite is null.
     pub fn summary(&self) -> Value {
         let own = |name: &String| !name.starts_with("frames/");
         let pictures = self.pictures.iter().map(|p| p.file.clone());
@@ -383,7 +385,7 @@ pub fn measures(of: &impl Serialize) -> Value {
     serde_json::to_value(of).unwrap_or_default()
 }
 
-/// The measures of a kind of scene under its name, beside format and kind.
+/// The measures of a kind of scene under its name, with format and kind.
 pub fn own_object(kind: &str, measures: Value) -> Map<String, Value> {
     let mut all = Map::new();
     all.insert("format".to_owned(), json!(FORMAT));
@@ -392,7 +394,7 @@ pub fn own_object(kind: &str, measures: Value) -> Map<String, Value> {
     all
 }
 
-/// A value as text, as it stands in a file.
+/// A value as JSON text, as in a file.
 pub fn json_text(value: &impl Serialize) -> String {
     let text = serde_json::to_string_pretty(value);
     format!("{}\n", text.unwrap_or_default())

@@ -398,7 +398,7 @@ impl Observer<Simulation> for Results {
     }
 }
 
-/// Ends a run unless it goes on.
+/// Ends a run unless `goes_on` is true.
 pub(super) fn end_unless(goes_on: bool) -> ControlFlow<()> {
     if goes_on {
         return ControlFlow::Continue(());

@@ -37,7 +37,8 @@ pub struct Account {
     pub notes: Vec<String>,
 }
 
-/// What there is to tell of a scenario after its last frame; nothing of muscles, which have a report of their own.
+/// The report data of a scenario after its last frame. Empty for muscles, which have their own
+/// report.
 pub fn account(scenario: &dyn Scenario) -> Account {
     match scenario.kind() {
         ScenarioKind::Skin(run) => skin::account(run),
@@ -61,7 +62,7 @@ pub struct Performed {
     pub summary: Value,
     /// True if the run was interrupted.
     pub interrupted: bool,
-    /// True if every frame that must be at rest was, and none failed.
+    /// True if every frame that must be at rest is at rest, and none failed.
     pub converged: bool,
     /// The results.
     pub account: Account,
@@ -78,11 +79,11 @@ pub struct Wanted {
     pub settings: Vec<(String, String)>,
 }
 
-/// Runs to the last frame, to Ctrl-C, or to a frame that fails, and writes everything,
-/// `summary.json` last.
+/// Runs until the last frame, Ctrl-C, or a failing frame, and writes all files, `summary.json`
+/// last.
 ///
 /// # Errors
-/// An error of writing.
+/// A file cannot be written.
 pub fn perform(
     scenario: &mut dyn Scenario,
     folder: Folder,
@@ -129,7 +130,7 @@ pub fn perform(
     let told = Told {
         shots,
         interrupted: ended == Ended::Interrupted,
-        // What was not run to its end has not come to rest there.
+        // An incomplete run has not come to rest at its end.
         converged: scenario.converged() && ended == Ended::Finished,
         failed: match ended {
             Ended::Failed(why) => Some(why),
@@ -154,7 +155,7 @@ pub fn perform(
     })
 }
 
-/// Writes each frame, and keeps those that pictures show.
+/// Writes each frame, and keeps the frames for the pictures.
 struct Frames {
     writer: FrameWriter,
     shots: Shots,
@@ -163,7 +164,7 @@ struct Frames {
 }
 
 impl Frames {
-    /// Hands the last frame to the writer; ends the run once that has failed.
+    /// Passes the last frame to the writer. Ends the run after an error of the writer.
     fn take(&mut self, scenario: &dyn Scenario) -> ControlFlow<()> {
         let state = Arc::new(scenario.state());
         self.shots.add_stretched(&state, scenario.severity());
@@ -182,7 +183,7 @@ impl Observer<dyn Scenario + '_> for Frames {
     }
 }
 
-/// What is known after the last frame.
+/// The data of the summary after the last frame.
 struct Told {
     shots: Shots,
     interrupted: bool,

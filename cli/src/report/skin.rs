@@ -280,7 +280,7 @@ fn json_of_region(part: &Part) -> Value {
     joined(own, json_of(&areas))
 }
 
-/// What there is to tell of skin after its last frame.
+/// The report data of skin after its last frame.
 pub fn account(run: &SkinRun) -> Account {
     let implants = matches!(run.scene.under, Under::Implants(_));
     let insertion = insertion(run);

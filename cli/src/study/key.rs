@@ -131,7 +131,8 @@ mod tests {
         assert_ne!(key(pliant::DIGEST), key(&"0".repeat(32)));
         let own = key_of(&scene, &[1], &mut Contents::default()).unwrap();
         assert_eq!(own, key(pliant::DIGEST));
-        // The program that runs this test is not the command, and its path and bytes are nowhere in the key.
+        // The program that runs this test is not the command. Its path and bytes are not part of
+        // the key.
         let program = std::env::current_exe().unwrap();
         let bytes = format!("{:032x}", Contents::default().of(&program).unwrap());
         assert!(!own.contains(&bytes) && !own.contains(&*program.to_string_lossy()));

@@ -563,7 +563,8 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Strings in binary: a big-endian length of 1, 2, 4 or 8 bytes, the shorter the larger its two first bits.
+    /// Binary strings: a big-endian length of 1, 2, 4 or 8 bytes; greater values of its first two
+    /// bits mean fewer bytes.
     fn skip_strings(&mut self, count: usize) -> Result<(), ReadError> {
         for _ in 0..count {
             let first = self.cursor.rest().first().copied().unwrap_or_default();

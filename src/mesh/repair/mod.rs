@@ -30,7 +30,7 @@ pub struct Options {
     /// Boundary loops with at most this number of edges are closed, at most [`LONGEST_RIM`]; 0
     /// closes none.
     pub close_holes: usize,
-    /// Drops all components but the one of the greatest area.
+    /// Removes all components except the one with the greatest area.
     pub keep_largest: bool,
 }
 

@@ -133,7 +133,7 @@ impl Working {
         );
     }
 
-    /// Drops all components but the one of the greatest area.
+    /// Removes all components except the one with the greatest area.
     pub fn keep_largest(&mut self) {
         let components = Topology::of_triangles(self.vertices.len(), &self.triangles).components();
         if components.count < 2 {

@@ -62,8 +62,8 @@ pub fn fit(
     ))
 }
 
-/// Number of draws of `count` points, of which a share `good` is good, after which one draw of good points alone is among
-/// them with probability `sure`: ln(1 - z)/ln(1 - w^N).
+/// Number of draws of `count` points, with a share `good` of good points, such that at least one
+/// draw has only good points with probability `sure`: ln(1 - z)/ln(1 - w^N).
 ///
 /// The printed log(1 - z) E(k) is negative (M9).
 pub fn draws_needed(good: f64, count: u32, sure: f64) -> f64 {

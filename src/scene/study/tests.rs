@@ -256,7 +256,7 @@ fn what_a_combination_makes_wrong_is_told_at_its_value() {
         "{}",
         error(1, 1)
     );
-    // Only the scene's own text is wrong, once a change has taken away what it needs.
+    // Only the scene's own text is wrong, after a change has removed a part that it needs.
     let study = read(&format!(
         "{HEAD}[vary]\nframe_rate = [\"60 Hz\", \"off\"]\n"
     ))

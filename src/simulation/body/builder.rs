@@ -1,4 +1,4 @@
-//! The parts of a muscle that its effects add.
+//! The parts that effects add to a muscle.
 
 use crate::constraints::distance::Distance;
 use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
@@ -9,7 +9,7 @@ use crate::simulation::plan::MusclePlan;
 use crate::simulation::ready::{Fibres, Rest};
 use crate::solvers::stiffness;
 
-/// A muscle whose effects are being built: each effect reads what the muscle is made of and adds a part.
+/// A muscle under construction. Each effect reads the data of the muscle and adds a part.
 pub(in crate::simulation) struct Builder<'a> {
     pub scene: &'a Scene,
     pub muscle: &'a Muscle,
@@ -19,13 +19,13 @@ pub(in crate::simulation) struct Builder<'a> {
     /// Stiffness of the edges [N/m].
     pub edge_stiffness: &'a [f64],
     pub fibres: &'a Fibres,
-    /// Vertices that forces or displacements act on.
+    /// Vertices with prescribed forces or displacements.
     loaded: Vec<u32>,
-    /// Volume to keep [m^3].
+    /// Target volume [m^3].
     pub target_volume: f64,
     /// Volume at rest [m^3].
     pub rest_volume: f64,
-    /// The enclosed volume, where it is kept.
+    /// The constraint of the enclosed volume, if it is an effect of the scene.
     pub volume: Option<EnclosedVolume>,
     /// Constraints of a solver that sweeps.
     pub elastic: Vec<Box<dyn Project>>,
@@ -34,7 +34,7 @@ pub(in crate::simulation) struct Builder<'a> {
 }
 
 impl<'a> Builder<'a> {
-    /// A muscle to which no effect has added its part.
+    /// A muscle without the parts of any effect.
     pub fn new(
         scene: &'a Scene,
         m: usize,
@@ -76,7 +76,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Adds constraints with their stiffness, as batch or as energy, whichever the solver takes.
+    /// Adds constraints with their stiffness, as a batch or as an energy, depending on the solver.
     pub fn add<C: Constraint<K> + 'static, const K: usize>(
         &mut self,
         constraints: Vec<C>,
@@ -92,7 +92,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Adds constraints that are projected by a share of their own, 0..1, each.
+    /// Adds constraints that are projected with a relaxation factor each, 0..1.
     pub fn add_relaxed<C: Constraint<K> + 'static, const K: usize>(
         &mut self,
         constraints: Vec<C>,

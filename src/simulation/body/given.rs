@@ -1,4 +1,4 @@
-//! What a scene gives at the vertices of a muscle: attachments, forces, displacements.
+//! Boundary conditions at the vertices of a muscle: attachments, forces, displacements.
 
 use std::sync::Arc;
 
@@ -76,7 +76,7 @@ pub(super) fn attach(
     }
     let attached = attachments::join(&choices);
     let count = mesh.vertices.len();
-    // A handful of points (the tetrahedron scenes) may be held by choice.
+    // A few points (the tetrahedron scenes) may be fixed deliberately.
     if attached.len() as f64 > scene.most_held * count as f64 && count > 100 {
         let fault = Fault::TooManyAttached {
             held: attached.len(),
@@ -92,7 +92,7 @@ pub(super) fn attach(
     Ok(attached)
 }
 
-/// Refuses an index beyond the mesh, with its number in the list.
+/// Rejects an index outside of the mesh, with its position in the list.
 fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize, Fault)> {
     match list.iter().position(|&v| v as usize >= count) {
         Some(at) => Err((

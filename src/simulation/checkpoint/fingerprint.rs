@@ -170,7 +170,7 @@ impl Fingerprint {
     }
 }
 
-/// What holds a muscle.
+/// The fixed vertices of a muscle, with their bones.
 struct Holding<'a> {
     bones: Vec<usize>,
     held: &'a [Held],

@@ -14,7 +14,7 @@ use crate::simulation::Plan;
 use crate::simulation::lattice::LatticeRun;
 
 impl LatticeRun {
-    /// Greatest distance of a point from its place at the start, in the last frame [m].
+    /// Greatest distance of a point from its position at the start, in the last frame [m].
     pub fn distance(&self) -> f64 {
         self.frames.last().map_or(0.0, |frame| frame.distance)
     }
@@ -73,7 +73,7 @@ impl Scenario for LatticeRun {
     }
 
     fn converged(&self) -> bool {
-        // Only the end of a motion has to be at rest, and only where there is time for it.
+        // Only the end of a motion must be at rest, and only if there is time for it.
         true
     }
 

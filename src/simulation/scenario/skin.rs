@@ -15,7 +15,7 @@ use crate::simulation::Plan;
 use crate::simulation::skin::{Measured, Part, SkinRun};
 use crate::skin::{Areas, Interval};
 
-/// Frames of an equilibrium have no rate of their own; pictures are shown at this one [1/s].
+/// Frame rate of pictures of equilibria [1/s]. Equilibria have no frame rate of their own.
 const RATE: f64 = 4.0;
 
 /// Subdivisions of the icosahedron that shows a ball.
@@ -24,20 +24,20 @@ const BALL_LEVELS: u32 = 3;
 impl Measured {
     /// Volume of all implants [m^3].
     pub fn volume(&self) -> f64 {
-        // An empty sum is minus zero.
+        // The sum of an empty list is minus zero.
         self.shells.iter().map(|(volume, _)| volume).sum::<f64>() + 0.0
     }
 }
 
 impl Part {
-    /// Areas in a frame; those before in frame 0 and in a frame that was not computed.
+    /// Areas in a frame. For frame 0 and for a frame that was not computed, the areas before.
     pub fn areas_at(&self, frame: usize) -> Areas {
         if let Some(found) = self.frames.iter().find(|f| f.frame == frame) {
             return found.areas;
         }
         let layers = &self.ready.layers;
         let areas = Areas::of(layers, &layers.rest);
-        // Nothing was put in: nothing remains and nothing grows.
+        // No implant is in: nothing is retracted and nothing has grown.
         let none = Interval {
             low: areas.before,
             high: areas.before,
@@ -51,12 +51,12 @@ impl Part {
 }
 
 impl SkinRun {
-    /// Areas of all parts together in a frame.
+    /// Total areas of all parts in a frame.
     pub fn areas_at(&self, frame: usize) -> Areas {
         self.parts.iter().map(|part| part.areas_at(frame)).sum()
     }
 
-    /// The last frame of each part that has one.
+    /// The last frame of each part that has frames.
     fn last(&self) -> impl Iterator<Item = &Measured> {
         self.parts.iter().filter_map(|part| part.frames.last())
     }
@@ -105,7 +105,7 @@ impl Scenario for SkinRun {
                     ..shell.clone()
                 };
                 let name = self.name_of(*k);
-                // What is stretched is the skin; a pocket has no edges at rest.
+                // Only the skin is stretched; a pocket has no edges with rest lengths.
                 bodies.push(BodyDescription {
                     edges: Vec::new(),
                     ..BodyDescription::of_surface(name, rest, Vec::new(), &mut used)

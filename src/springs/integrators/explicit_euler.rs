@@ -6,8 +6,8 @@ use crate::springs::system::SpringSystem;
 
 /// `x' = x + v dt`, `v' = v + a dt` with the old velocity and acceleration.
 ///
-/// An undamped spring gains the factor `sqrt(1 + (w dt)^2)` of amplitude in every step (errata B05): without damping no step
-/// is stable. For comparison only.
+/// The amplitude of an undamped spring grows by the factor `sqrt(1 + (w dt)^2)` in every step
+/// (errata B05): without damping no step is stable. For comparison only.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ExplicitEuler;
 

@@ -23,7 +23,8 @@ const POINTS_PER_THREAD: usize = 4096;
 /// Slabs of fewer planes repeat too much work of their neighbours for paired steps.
 const PLANES_FOR_TWO: usize = 4;
 
-/// One step of the planes from `first`, as many as in `previous`. `current` contains all planes.
+/// One step of the planes from `first`, one for each plane of `previous`. `current` contains all
+/// planes.
 struct One<'a, F> {
     frame: &'a Frame<F>,
     current: &'a [F],

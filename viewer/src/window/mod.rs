@@ -107,8 +107,9 @@ impl WindowError {
 /// Opens a window while `start` starts a session in parallel. Returns a final message, if any, when
 /// the window is closed.
 ///
-/// `quietly` calls what it takes; a command that writes panics to a terminal keeps them from there meanwhile. The library
-/// that makes the window panics where it cannot; this is caught and returned as an error.
+/// The window library panics if it cannot open a window; this function catches the panic and
+/// returns an error. `quietly` runs a closure; a command that prints panics can use it to print
+/// none meanwhile.
 ///
 /// # Errors
 /// No display, no graphics card, or nothing to display.

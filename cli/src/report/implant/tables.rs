@@ -7,7 +7,8 @@ use crate::report::table::Table;
 use pliant::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
 use pliant::skin::{Areas, Interval};
 
-/// Decimals of an area in cm2 that rests on a published span of a gain [m^2]: two digits of the gain at most.
+/// Decimals of an area in cm2 that depends on a published range of a gain [m^2]: at most two digits
+/// of the gain.
 fn decimals(gain: f64) -> usize {
     match (gain * 1e4).abs() {
         gain if gain >= 10.0 => 0,
@@ -45,7 +46,7 @@ const ROWS: [(&str, Cell); 11] = [
 ];
 
 impl Insertion<'_> {
-    /// What a surgeon reads.
+    /// The table for a surgeon.
     pub fn table(&self) -> Table {
         let areas = self.areas();
         let mut table = Table::new("Areas and volumes", ["what", "value", "gain", "source"]);
@@ -138,7 +139,8 @@ impl Insertion<'_> {
         table
     }
 
-    /// The curve of areas over volumes, or over days, of the first implant that has one; of a single point the table tells all.
+    /// The curve of areas over volumes, or over days, of the first implant that has one; `None` for
+    /// a single point, which the table contains.
     pub fn plot(&self) -> Option<LinePlot> {
         let of = |implant: usize| {
             self.curve
@@ -171,7 +173,7 @@ impl Insertion<'_> {
         )
     }
 
-    /// What each volume does, as a surgeon reads it.
+    /// The results for each volume, as a table for a surgeon.
     fn curve_table(&self) -> Option<Table> {
         let head = [
             "implant",

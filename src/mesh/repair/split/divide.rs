@@ -4,7 +4,7 @@
 use crate::mesh::repair::topology;
 use crate::mesh::repair::working::Working;
 
-/// Gives each group of triangles at an edge but the first its own midpoint, where the edge still
+/// Gives each group of triangles at an edge except the first its own midpoint, if the edge still
 /// has more than two triangles. `edges` and `groups` are those before vertices were copied. Returns
 /// for each new vertex an end of its edge, by its original index.
 pub(super) fn divide(
