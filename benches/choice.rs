@@ -119,7 +119,7 @@ fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads
         let wished = Accuracy::Share(target);
         let chosen =
             accuracy::choose(scene, assets, wished, budget, threads, &Silent).expect("a choice");
-        let words = |c: &Candidate| format!("{}, {}", c.name(), c.in_words());
+        let words = |c: &Candidate| format!("{}, {}", c.solver_key(), c.in_words());
         let ([own, least], error) = compared(
             scene,
             assets,

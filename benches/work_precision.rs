@@ -59,7 +59,7 @@ fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
     study
         .rows
         .iter()
-        .filter(move |row| row.candidate.name() == solver)
+        .filter(move |row| row.candidate.solver_key() == solver)
 }
 
 /// Errors [m] of rows with increasing work.
@@ -144,7 +144,7 @@ fn report(name: &str, study: &Study) {
         let a_frame = row.time_s / study.frames as f64 * 1e3;
         println!(
             "ROW work_precision.{name} | {} | {} | {a_frame:.2} | {total:.3} | {:.0e} |",
-            row.candidate.name(),
+            row.candidate.solver_key(),
             row.candidate.in_words(),
             row.volume_error
         );

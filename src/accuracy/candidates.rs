@@ -35,8 +35,8 @@ impl Candidate {
         }
     }
 
-    /// Name of the solver in scenes.
-    pub fn name(&self) -> &'static str {
+    /// Key of the solver in scenes.
+    pub fn solver_key(&self) -> &'static str {
         self.solver.spec().key
     }
 

@@ -84,7 +84,7 @@ fn growth(
     let run = |row: &Row| {
         progress.begin(&format!(
             "all frames: {}, {}",
-            row.candidate.name(),
+            row.candidate.solver_key(),
             row.candidate.in_words()
         ));
         Trajectory::of(scene, assets, &row.candidate, scene.frames, &mut |_, _| {
@@ -174,7 +174,7 @@ pub fn choose(
             "none of {} settings that there was time to measure keeps it; by the cost model, corrected by them, {} ({}) does: \
              {} mm at worst, {:.1} ms a frame",
             study.rows.len(),
-            candidate.name(),
+            candidate.solver_key(),
             candidate.in_words(),
             crate::format::number(expected_m * 1e3),
             expected.time_s / frames.max(1) as f64 * 1e3
@@ -194,7 +194,7 @@ pub fn choose(
     };
     let found = format!(
         "{} ({}) was {} mm off in frames 1 to {frames}, is expected to be {} mm off at worst, and takes {:.1} ms a frame",
-        row.candidate.name(),
+        row.candidate.solver_key(),
         row.candidate.in_words(),
         crate::format::number(row.error.rms * 1e3),
         crate::format::number(total(row) * 1e3),

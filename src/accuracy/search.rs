@@ -37,7 +37,7 @@ pub(super) fn search(
             break;
         };
         tried.push(next);
-        progress.begin(&format!("{}: {}", next.name(), next.in_words()));
+        progress.begin(&format!("{}: {}", next.solver_key(), next.in_words()));
         let mut row = measuring.row(next, study, progress);
         // The very first run includes the cost of first memory accesses.
         if let Some(first) = row

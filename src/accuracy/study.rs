@@ -350,7 +350,7 @@ impl Measuring<'_> {
                 said = Some(*candidate);
                 progress.begin(&format!(
                     "reference by {}: {}",
-                    candidate.name(),
+                    candidate.solver_key(),
                     candidate.in_words()
                 ));
             }
@@ -383,20 +383,24 @@ impl Measuring<'_> {
         for candidate in all {
             let known = costs
                 .iter()
-                .find(|(name, _)| *name == candidate.name())
+                .find(|(name, _)| *name == candidate.solver_key())
                 .map(|(_, s)| s * candidate.work());
             // A first row of each solver is always measured.
             if self.interrupted || known.is_some_and(|s| s > self.left_s()) {
                 study.left_out.push(candidate);
                 continue;
             }
-            progress.begin(&format!("{}: {}", candidate.name(), candidate.in_words()));
+            progress.begin(&format!(
+                "{}: {}",
+                candidate.solver_key(),
+                candidate.in_words()
+            ));
             let Some(row) = self.row(candidate, study, progress) else {
                 study.left_out.push(candidate);
                 continue;
             };
-            costs.retain(|(name, _)| *name != candidate.name());
-            costs.push((candidate.name(), row.time_s / candidate.work()));
+            costs.retain(|(name, _)| *name != candidate.solver_key());
+            costs.push((candidate.solver_key(), row.time_s / candidate.work()));
             study.rows.push(row);
         }
     }
@@ -521,7 +525,7 @@ impl Measuring<'_> {
         for candidate in variants {
             progress.begin(&format!(
                 "{}: {}, {}, threads {}{}",
-                candidate.name(),
+                candidate.solver_key(),
                 candidate.in_words(),
                 candidate.width,
                 candidate.threads,

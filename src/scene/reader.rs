@@ -271,7 +271,7 @@ pub(super) fn unknown_key(key: &str, schema: &Schema) -> Problem {
     };
     Problem::UnknownKey {
         key: shown(key),
-        nearest: nearest(key, names.into_iter()).map(str::to_owned),
+        nearest: nearest(key, names).map(str::to_owned),
         known,
     }
 }

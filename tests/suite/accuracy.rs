@@ -115,7 +115,7 @@ fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
     study
         .rows
         .iter()
-        .filter(move |row| row.candidate.name() == solver)
+        .filter(move |row| row.candidate.solver_key() == solver)
 }
 
 fn with_one_sweep(study: &Study, substeps: u32) -> &Row {

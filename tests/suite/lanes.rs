@@ -269,9 +269,8 @@ fn a_hinge_one_by_one_on_its_branch_leaves_the_bits_of_lanes() {
         let mut points = hinge.points.iter();
         points.any(|&p| body.inverse_mass[p as usize] > 0.0)
     };
-    let moving = |hinges: &[Bending]| -> Vec<Bending> {
-        hinges.iter().copied().filter(moves).collect()
-    };
+    let moving =
+        |hinges: &[Bending]| -> Vec<Bending> { hinges.iter().copied().filter(moves).collect() };
     assert!(left == lanes && moving(&branches) == moving(&then));
     let (left, branches) = without_lanes::<false>(&all, &body);
     assert!(

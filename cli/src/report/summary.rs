@@ -212,7 +212,7 @@ impl Summary {
                 target_m: c.target_m,
                 expected_m: c.expected_m,
                 reached: c.is_kept(),
-                solver: c.candidate.name().to_owned(),
+                solver: c.candidate.solver_key().to_owned(),
                 settings: c.candidate.settings(),
                 why: c.why.clone(),
             }),

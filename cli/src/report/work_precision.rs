@@ -63,7 +63,7 @@ pub fn to_json(study: &Study) -> Value {
         let row = r.row.map(|i| &study.rows[i]);
         json!({
             "target": r.target,
-            "solver": row.map(|r| r.candidate.name()),
+            "solver": row.map(|r| r.candidate.solver_key()),
             "settings": row.map(|r| r.candidate.settings()),
             "rms_error_m": row.map(|r| r.error.rms),
             "model_error_m": row.map(|r| r.model_error_m),
@@ -73,7 +73,7 @@ pub fn to_json(study: &Study) -> Value {
     let reference = |r: &pliant::accuracy::Reference| {
         json!({
             "question": question_name(r.question),
-            "solver": r.candidate.name(),
+            "solver": r.candidate.solver_key(),
             "settings": r.candidate.settings(),
             "uncertainty_m": r.uncertainty.rms,
             "max_uncertainty_m": r.uncertainty.max,
@@ -92,13 +92,13 @@ pub fn to_json(study: &Study) -> Value {
         "model_distance_m": study.model_distance_m,
         "rows": rows,
         "recommended": recommended.collect::<Vec<_>>(),
-        "left_out": study.left_out.iter().map(|c| json!({"solver": c.name(), "settings": c.settings()})).collect::<Vec<_>>(),
+        "left_out": study.left_out.iter().map(|c| json!({"solver": c.solver_key(), "settings": c.settings()})).collect::<Vec<_>>(),
     })
 }
 
 fn row_json(study: &Study, row: &Row) -> Value {
     json!({
-        "solver": row.candidate.name(),
+        "solver": row.candidate.solver_key(),
         "settings": row.candidate.settings(),
         "rms_error_m": row.error.rms,
         "max_error_m": row.error.max,
@@ -141,7 +141,7 @@ fn cells(study: &Study, row: &Row, on_front: bool) -> Vec<String> {
         study.vertices.to_string(),
         study.frames.to_string(),
         study.moved_m.to_string(),
-        row.candidate.name().to_owned(),
+        row.candidate.solver_key().to_owned(),
     ];
     cells.extend(COLUMNS[5..12].iter().map(|key| setting(key)));
     cells.push(row.status.name().to_owned());
@@ -174,7 +174,7 @@ pub fn plot(study: &Study) -> LinePlot {
         let rows: Vec<&Row> = study
             .rows
             .iter()
-            .filter(|r| r.candidate.name() == *key)
+            .filter(|r| r.candidate.solver_key() == *key)
             .filter(fine)
             .collect();
         if !rows.is_empty() {
@@ -239,7 +239,7 @@ pub fn recommendation(study: &Study) -> Table {
         };
         table.row([
             target,
-            row.candidate.name().to_owned(),
+            row.candidate.solver_key().to_owned(),
             row.candidate.in_words(),
             row.candidate.threads.to_string(),
             mm(row.error.rms),
@@ -272,7 +272,7 @@ pub fn table(study: &Study) -> Table {
     for row in &study.rows {
         let known = if is_certain(row) { "" } else { " (uncertain)" };
         table.row([
-            row.candidate.name().to_owned(),
+            row.candidate.solver_key().to_owned(),
             row.candidate.in_words(),
             format!(
                 "{}, {}, {}",
@@ -303,7 +303,7 @@ pub fn notes(study: &Study) -> Vec<String> {
             "Reference of the {}: {} with {}; it is off by about {} mm RMS, as \
              its levels of refinement differed by {} mm.",
             question_name(r.question),
-            r.candidate.name(),
+            r.candidate.solver_key(),
             r.candidate.in_words(),
             mm(r.uncertainty.rms),
             r.steps.iter().map(|s| mm(*s)).collect::<Vec<_>>().join(", ")
@@ -341,7 +341,7 @@ pub fn notes(study: &Study) -> Vec<String> {
         for name in study
             .left_out
             .iter()
-            .map(|c| format!("{} ({})", c.name(), c.in_words()))
+            .map(|c| format!("{} ({})", c.solver_key(), c.in_words()))
         {
             if !names.contains(&name) {
                 names.push(name);

@@ -178,6 +178,9 @@ fn sample() -> Value {
     json(&out.join("summary.json"))
 }
 
+/// A way to spoil a summary.
+type Change<'a> = &'a dyn Fn(&mut Value);
+
 #[test]
 fn what_departs_from_the_schema_is_found() {
     let (schema, good) = (schema(), sample());
@@ -187,7 +190,7 @@ fn what_departs_from_the_schema_is_found() {
         change(&mut bad);
         faults(&schema, &bad)
     };
-    let changes: [(&str, &dyn Fn(&mut Value)); 12] = [
+    let changes: [(&str, Change); 12] = [
         ("another format", &|s| s["format"] = 0.into()),
         ("a text as time", &|s| s["time_s"] = "1 s".into()),
         ("no verdicts", &|s| {

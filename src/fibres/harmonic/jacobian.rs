@@ -41,8 +41,8 @@ fn onward<'a>(
     }
 }
 
-/// The areas, where `map` takes points beside point k of the streamline to points beside point k +
-/// 1. Two points at the distance `size` [m] beside each point are mapped. Where the map has no
+/// The areas. `map` takes points beside one point of the streamline to points beside the next
+/// one. Two points at the distance `size` [m] beside each point are mapped. Where the map has no
 /// value, the area is unchanged.
 pub fn areas(
     streamline: &HalfStreamline,

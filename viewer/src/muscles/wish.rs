@@ -90,7 +90,7 @@ impl Drop for Wish {
 
 /// A solver with its settings as changes of a scene: paths and values.
 pub(super) fn changes(chosen: &Chosen) -> Vec<(String, String)> {
-    let name = chosen.candidate.name();
+    let name = chosen.candidate.solver_key();
     let mut all = vec![("solver".to_owned(), name.to_owned())];
     for (key, value) in chosen.candidate.settings() {
         // Other keys are settings of the study, not of the solver.
