@@ -62,20 +62,17 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
     for part in &run.parts {
         let mut say = |verdict: Verdict| all.push(verdict.at(part.name.as_str()));
         let unrest = part.frames.iter().filter(|f| !f.progress.converged).count();
-        say(Verdict::none(
-            "at rest in every frame: frames that are not",
-            unrest,
-        ));
+        say(Verdict::none("frames that are not at rest", unrest));
         let base = part
             .ready
             .sites()
             .map(|(order, _)| order.implant.base)
             .fold(f64::INFINITY, f64::min);
         let deep = max_or_nan(part.frames.iter().map(|f| f.progress.depth));
-        let name = "bodies sink into each other by at most 0.1 % of the base";
+        let name = "depth of bodies in each other";
         say(Verdict::at_most(name, deep, deepest(base)).in_unit("m"));
         if let Some(off) = volume_error(run, part) {
-            let name = "the implant's volume is kept to 1e-6";
+            let name = "relative error of the implant's volume";
             say(Verdict::at_most(name, off, VOLUME_HELD));
         }
     }

@@ -327,6 +327,9 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
     }
 }
 
+/// Advice for a muscle whose steps are too long.
+const MORE_SUBSTEPS: &str = "use more substeps, or `[solver.quasi_static]`";
+
 /// The checks of a muscle of this scene.
 fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verdict> {
     let (scene, plan) = (&simulation.scene, &simulation.plan.muscles[m]);
@@ -337,31 +340,35 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
             s.name, at.frame, at.effect, at.particle
         )
     });
-    all.push(Verdict::new("all numbers stay finite", s.stopped.is_none()).at(place));
+    let finite = Verdict::new("all numbers are finite", s.stopped.is_none()).at(place);
+    all.push(finite.else_do(MORE_SUBSTEPS));
     let mut say = |verdict: Verdict| all.push(verdict.at(s.name.as_str()));
-    let name = "every frame is converged: frames that are not";
-    say(Verdict::none(name, s.frames_not_converged));
+    let unconverged = Verdict::none("frames that did not converge", s.frames_not_converged);
+    say(unconverged.else_do(MORE_SUBSTEPS));
     if plan.runs("volume")
         && scene.muscles[m].material.bulk.is_none()
         && scene.solver.share("volume").is_none()
     {
-        let name = "volume error at most 1e-6";
-        say(Verdict::at_most(name, s.volume_error_max, VOLUME_HELD));
+        let volume = Verdict::at_most("relative volume error", s.volume_error_max, VOLUME_HELD);
+        say(volume.else_do(MORE_SUBSTEPS));
     }
     if !plan.obstacles.is_empty() {
-        let deepest = pliant::format::number(s.penetration_max_m * 1e3);
-        let name = format!(
-            "no vertex deeper than 0.01 mm in a bone (deepest {deepest} mm): vertices that are"
+        let deep = Verdict::none(
+            "vertices deeper than 0.01 mm in a bone",
+            s.vertices_inside_bones_max,
         );
-        say(Verdict::none(name, s.vertices_inside_bones_max));
-        let name = "no bone vertex inside the muscle: bone vertices that are";
-        say(Verdict::none(name, s.bone_vertices_inside_max));
+        say(deep.else_do(MORE_SUBSTEPS));
+        let inside = Verdict::none(
+            "bone vertices inside the muscle",
+            s.bone_vertices_inside_max,
+        );
+        say(inside.else_do("use more substeps, or a shorter `edge_length`"));
     }
     if simulation.frame() >= scene.frames && returns(simulation) {
         let share = s.distance_from_start_rms_m / s.length_m;
-        let name = "back to 2 % of its length from the start, as a share of it";
+        let name = "distance from the start at the end, relative to the length";
         say(Verdict::at_most(name, share, RETURN_DISTANCE));
-        let name = "edge stretch at the end at most 5 %, as a share";
+        let name = "edge stretch at the end, RMS";
         say(Verdict::at_most(
             name,
             s.edge_stretch_rms_end,
