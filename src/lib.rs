@@ -5,6 +5,7 @@
 //! Data flows in one direction. A [`scene`] is read and checked. A plan lists the effects that the
 //! scene needs. A simulation runs only those effects. Writers turn frames and measures into files.
 //! A module imports only modules that stand above it in this list.
+//! The root names the types that a program uses first. Each of them is also in its module.
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 // A build with few features has functions without a caller.
 #![cfg_attr(not(feature = "scene"), allow(dead_code))]
@@ -41,6 +42,41 @@ pub mod moment_arms;
 pub mod accuracy;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+
+// The types that a program uses first.
+pub use constraints::{
+    Anchor, Batch, Bending, Constraint, Distance, EnclosedVolume, Order, PlaneContact, Potential,
+    Project, Quadratic, Scalar, TetrahedronVolume, TriangleContact,
+};
+#[cfg(feature = "contact")]
+pub use contact::Surface;
+pub use contact::{ContactPlane, Contacts, Obstacle, PosedObstacle, Projection, capsule::Capsule};
+#[cfg(all(feature = "contact", feature = "sparse"))]
+pub use fibres::{
+    attachment::{AreaSource, Attachment, AttachmentError},
+    harmonic::{Decomposition, DecompositionError},
+    quality::Quality,
+};
+pub use io::{MeshFile, ReadError, WriteError};
+pub use mesh::{Aabb, Health, MeshError, Topology, TriangleMesh};
+#[cfg(feature = "sparse")]
+pub use morph::{Correspondence, Distortion, correspondence::CorrespondenceError};
+pub use particles::Particles;
+pub use progress::{Progress, Silent};
+#[cfg(feature = "scene")]
+pub use scene::{Content, Scene, SceneError};
+#[cfg(feature = "scene")]
+pub use simulation::{
+    Fault, LoadError, Measures, Observer, Plan, Scenario, ScenarioError, Simulation,
+};
+#[cfg(all(feature = "contact", feature = "sparse"))]
+pub use skin::{ImplantSpec, SkinError};
+pub use solvers::{Broken, Held, System, energy::Energy};
+#[cfg(feature = "sparse")]
+pub use solvers::{newton::Newton, quasi_static::QuasiStatic};
+pub use springs::{
+    Force, Neighbours, SpringSystem, SystemError, integrators::Integrator, lattice::Lattice,
+};
 
 /// The digest of the library's sources and of its lock file, computed when the library is built: 32
 /// hexadecimal digits.

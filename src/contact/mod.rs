@@ -3,6 +3,42 @@
 //! Each near bone gives a vertex its own contact plane. The closest point of a vertex is computed
 //! again before the vertex can have moved, relative to the bone, farther than its last distance.
 //! Nothing can tunnel, and distant vertices cost nothing.
+//!
+//! ```
+//! use std::sync::Arc;
+//!
+//! use nalgebra::{Isometry3, Point3, Vector3};
+//! use pliant::mesh::shapes::box_surface;
+//! use pliant::solvers::Settings;
+//! use pliant::{Contacts, Particles, PosedObstacle, Surface, System, TriangleMesh};
+//!
+//! // A bone with its top at z = 0, at rest.
+//! let at = Isometry3::translation(0.0, 0.0, -0.5);
+//! let obstacle = Arc::new(Surface::new(&box_surface([1.0, 1.0, 1.0], 0.5)));
+//! let bone = PosedObstacle { name: "bone".into(), obstacle, before: at, now: at };
+//! let placed = [bone];
+//!
+//! // A triangle 5 cm above it that falls at 2 m/s. It keeps 1 mm from the bone and slides without friction.
+//! let corners = [[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]].map(|[x, y]| Point3::new(x, y, 0.05));
+//! let mesh = TriangleMesh::new(corners.to_vec(), vec![[0, 1, 2]])?;
+//! let mut particles = Particles::at_rest(mesh.vertices.clone(), vec![1.0; 3]);
+//! particles.velocity.fill(Vector3::new(0.0, 0.0, -2.0));
+//! let settings = Settings {
+//!     iterations: 1,
+//!     gravity: Vector3::zeros(),
+//!     velocity_factor: 1.0,
+//!     force_factor: 1.0,
+//!     speed_limit: 10.0,
+//! };
+//! let mut system = System::new(particles, settings);
+//! let contacts = Contacts::new(&mesh, &system.particles, &placed, vec![0], 1e-3, 0.0);
+//! system.contacts = Some(contacts);
+//! for _ in 0..10 {
+//!     system.step(&placed, 0.01)?;
+//! }
+//! assert!(system.particles.position.iter().all(|p| p.z > 0.0));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 #[cfg(feature = "contact")]
 pub mod broad_phase;
@@ -57,6 +93,35 @@ pub struct Projection {
 }
 
 /// A rigid body that muscles must not penetrate, in its own frame.
+///
+/// A mesh is one as a `Surface`. Any shape with a signed distance can be one:
+///
+/// ```
+/// use nalgebra::{Point3, Vector3};
+/// use pliant::{Aabb, Obstacle, Projection};
+///
+/// /// Everything below z = 0, on 2 m by 2 m and 1 m deep.
+/// struct Floor;
+///
+/// impl Obstacle for Floor {
+///     fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
+///         let on_floor = Point3::new(point.x, point.y, 0.0);
+///         Some(Projection { distance: point.z, normal: Vector3::z(), point: on_floor })
+///     }
+///     fn bounding_box(&self) -> Aabb {
+///         Aabb { min: Point3::new(-1.0, -1.0, -1.0), max: Point3::new(1.0, 1.0, 0.0) }
+///     }
+///     fn contact_samples(&self) -> &[Point3<f64>] {
+///         &[]
+///     }
+///     fn bytes(&self) -> usize {
+///         0
+///     }
+/// }
+///
+/// let found = Floor.closest(&Point3::new(0.5, 0.0, -0.1));
+/// assert_eq!(found.map(|found| found.distance), Some(-0.1));
+/// ```
 pub trait Obstacle: Send + Sync {
     /// The nearest point of the surface; `None` for an obstacle without surface.
     fn closest(&self, point: &Point3<f64>) -> Option<Projection>;

@@ -112,6 +112,23 @@ struct On {
 }
 
 /// Two surfaces with common vertices and triangles.
+///
+/// ```
+/// use pliant::mesh::measures::volume;
+/// use pliant::mesh::shapes::{box_surface, icosphere};
+/// use pliant::morph::blend::linear;
+/// use pliant::morph::correspondence::Settings;
+/// use pliant::{Correspondence, Silent};
+///
+/// let (ball, block) = (icosphere(0.5, 1), box_surface([2.0, 1.0, 1.0], 0.5));
+/// let both = Correspondence::new([&ball, &block], &[], &Settings::default(), &Silent)?;
+/// let [first, second] = &both.places;
+/// assert!((volume(first, &both.triangles) - ball.volume()).abs() <= 1e-12);
+/// assert!((volume(second, &both.triangles) - block.volume()).abs() <= 1e-12);
+/// let half = linear(first, second, 0.5)?;
+/// assert!(volume(&half, &both.triangles) > ball.volume());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Correspondence {
     /// Both maps after the alignment.

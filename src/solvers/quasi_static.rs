@@ -35,6 +35,27 @@ const KEPT: u32 = 4;
 const NOTED: u32 = 8;
 
 /// A body prepared for the search of its equilibrium.
+///
+/// ```
+/// use nalgebra::{Point3, Vector3};
+/// use pliant::solvers::descent::{Settings, Unguarded};
+/// use pliant::{Distance, Energy, Quadratic, QuasiStatic};
+///
+/// // A spring of 100 N/m and 1 m hangs from a held point and carries 10 N.
+/// let mut x = vec![Point3::origin(), Point3::new(0.0, 0.0, -1.0)];
+/// let spring = Distance { points: [0, 1], rest: 1.0 };
+/// let energy = Energy {
+///     elastic: vec![Box::new(Quadratic::<_, 2>::new(vec![spring], vec![100.0]))],
+///     forces: vec![Vector3::zeros(), Vector3::new(0.0, 0.0, -10.0)],
+///     ..Energy::default()
+/// };
+/// let settings = Settings { tolerance: 1e-9, iterations: 100 };
+/// let mut solver = QuasiStatic::new(energy, &x, &[0.0, 1.0], settings)?;
+/// let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
+/// assert!(outcome.converged);
+/// assert!((x[1].z + 1.1).abs() <= 1e-9);
+/// # Ok::<(), pliant::solvers::sparse::FactorError>(())
+/// ```
 pub struct QuasiStatic {
     /// The minimised problem.
     pub problem: Problem,

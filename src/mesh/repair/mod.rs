@@ -86,6 +86,23 @@ pub struct Repaired {
 
 /// Repairs a surface with valid indices and finite coordinates; the polylines `lines` over its
 /// vertices are kept.
+///
+/// ```
+/// use pliant::Health;
+/// use pliant::mesh::repair::{Options, Step, repair};
+/// use pliant::mesh::shapes::box_surface;
+///
+/// let mut mesh = box_surface([1.0, 1.0, 1.0], 1.0);
+/// mesh.triangles.pop();
+/// mesh.triangles[0].reverse();
+///
+/// let options = Options { close_holes: 3, ..Options::default() };
+/// let repaired = repair(&mesh, &[], &options);
+/// let steps: Vec<Step> = repaired.changes.iter().map(|change| change.step).collect();
+/// assert_eq!(steps, [Step::ClosedHoles, Step::TurnedTriangles]);
+/// assert!(Health::of(&repaired.mesh).is_fit());
+/// assert_eq!(repaired.mesh.volume(), 1.0);
+/// ```
 pub fn repair(mesh: &TriangleMesh, lines: &[Vec<u32>], options: &Options) -> Repaired {
     let mut working = Working::new(mesh, lines);
     // A duplicate triangle hides a boundary, and coincident boundaries hide duplicates.
