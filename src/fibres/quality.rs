@@ -42,10 +42,14 @@ pub struct Quality {
     pub length_mean_m: f64,
     /// Mean angle between fibres and line of action, from the mean of all origins to that of all insertions [rad];
     /// serialised in degrees.
-    #[serde(rename = "pennation_mean_deg", serialize_with = "degrees")]
+    #[cfg_attr(
+        feature = "serde",
+        serde(rename = "pennation_mean_deg", serialize_with = "degrees")
+    )]
     pub pennation_mean_rad: f64,
 }
 
+#[cfg(feature = "serde")]
 fn degrees<S: serde::Serializer>(angle: &f64, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_f64(angle.to_degrees())
 }
