@@ -134,7 +134,10 @@ fn changes(_: &mut Criterion) {
 /// over skin at rest.
 fn handles(_: &mut Criterion) {
     for (name, scene) in [
-        ("node", "examples/biceps.toml"),
+        (
+            "node",
+            concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/biceps.toml"),
+        ),
         ("implant", "flat-implant"),
     ] {
         let recipe = Recipe::find(scene, &[]).unwrap_or_else(|e| panic!("{}", e.terse()));
