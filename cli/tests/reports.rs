@@ -30,7 +30,11 @@ fn study() -> Study {
 
 #[test]
 fn a_study_has_the_form_that_was_promised() {
-    let study = study();
+    let mut study = study();
+    study.interrupted = true;
+    assert!(work_precision::output(&study).summary()["interrupted"] == true);
+    study.interrupted = false;
+    assert!(work_precision::output(&study).summary()["interrupted"] == false);
     let json = work_precision::to_json(&study);
     assert!(json["reference"]["uncertainty_m"].is_f64() && json["reference"]["solver"].is_string());
     for row in json["rows"].as_array().expect("rows") {

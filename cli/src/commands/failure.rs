@@ -209,4 +209,26 @@ mod tests {
         let shown = graphical(&SceneDiagnostic::new(&error), &handler);
         assert_eq!(shown.as_deref(), Some(wanted));
     }
+
+    proptest::proptest! {
+        /// An error of a built-in scene with a piece put in or taken out can be shown.
+        #[test]
+        fn every_error_of_a_scene_can_be_shown(
+            scene in 0..pliant::scene::builtin::BUILTIN.len(),
+            at in proptest::prelude::any::<proptest::sample::Index>(),
+            length in 0..12_usize,
+            piece in proptest::prelude::any::<String>(),
+        ) {
+            let mut text: Vec<char> = pliant::scene::builtin::BUILTIN[scene].1.chars().collect();
+            let at = at.index(text.len() + 1);
+            let end = (at + length).min(text.len());
+            text.splice(at..end, piece.chars());
+            let text: String = text.into_iter().collect();
+            let folder = std::path::Path::new(".");
+            if let Err(error) = pliant::scene::parse(&text, "s.toml", folder) {
+                let handler = GraphicalReportHandler::new();
+                proptest::prop_assert!(graphical(&SceneDiagnostic::new(&error), &handler).is_some());
+            }
+        }
+    }
 }

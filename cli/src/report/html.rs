@@ -165,7 +165,7 @@ impl Report {
             let _ = writeln!(
                 html,
                 "<li class=\"{class}\"><b>{mark}</b><span>{}</span></li>",
-                escape(&verdict.to_text())
+                escape(&with_advice(verdict))
             );
         }
         for text in &self.findings {
@@ -261,6 +261,13 @@ pub(super) fn base64(bytes: &[u8]) -> String {
         }
     }
     text
+}
+
+/// A verdict as one line, with the advice for a failure.
+fn with_advice(verdict: &Verdict) -> String {
+    let advice = verdict.what_to_do.iter();
+    let parts = std::iter::once(verdict.to_text()).chain(advice.cloned());
+    parts.collect::<Vec<_>>().join("; ")
 }
 
 #[cfg(test)]
@@ -361,7 +368,7 @@ mod tests {
         assert!(html.contains("class=\"found\"") && html.contains("4 cm2 are &lt;stretched&gt;"));
         let verdict = vec![
             Verdict::new("volume kept", true),
-            Verdict::new("no vertex in a bone", false),
+            Verdict::new("no vertex in a bone", false).else_do("use more substeps"),
         ];
         let html = Report {
             verdict,
@@ -370,6 +377,10 @@ mod tests {
         .to_html();
         assert!(html.contains("1 of 2 checks fails"));
         assert!(html.find("no vertex in a bone") < html.find("volume kept"));
+        assert!(
+            html.contains("; use more substeps"),
+            "the advice of a failure"
+        );
         let html = Report {
             verdict: vec![Verdict::new("volume kept", true)],
             ..Report::default()

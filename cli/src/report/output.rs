@@ -99,12 +99,10 @@ impl Verdict {
         }
     }
 
-    /// Adds advice for the user after a failure.
+    /// Adds advice for the user if the verdict failed. A verdict that passed has no advice.
     pub fn else_do(self, what: impl Into<String>) -> Self {
-        Self {
-            what_to_do: Some(what.into()),
-            ..self
-        }
+        let what_to_do = (!self.passed).then(|| what.into());
+        Self { what_to_do, ..self }
     }
 
     /// Value and limit as text; empty without a value.
@@ -145,6 +143,7 @@ pub fn verdict_table(verdicts: &[Verdict]) -> Table {
             v.place.clone().unwrap_or_default(),
             v.name.clone(),
             v.found(),
+            v.what_to_do.clone().unwrap_or_default(),
         ]);
     }
     table
@@ -429,6 +428,16 @@ mod tests {
         assert_eq!(
             verdict.to_text(),
             "psoas: ends within 0.01 mm of their area: 0.02 mm (limit 0.01 mm)"
+        );
+        let green = Verdict::at_most("ends", 1e-6, 1e-5).else_do("choose larger areas");
+        assert_eq!(
+            green.what_to_do, None,
+            "a verdict that passed has no advice"
+        );
+        let red = verdict_table(&[verdict]).to_text();
+        assert!(
+            red.contains("FAIL") && red.contains("choose larger areas"),
+            "{red}"
         );
         assert!(!Verdict::at_most("a", f64::NAN, 1.0).passed);
         assert!(!Verdict::at_least("a", f64::NAN, 1.0).passed);
