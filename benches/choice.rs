@@ -9,7 +9,8 @@
 use std::time::Duration;
 
 use pliant::accuracy::{
-    self, Candidate, Distance, Options, Question, Reference, Row, Study, Trajectory,
+    self, Candidate, FrameDistance, Reference, SolverQuestion, Study, StudyOptions, StudyRow,
+    Trajectory,
 };
 use pliant::progress::Silent;
 use pliant::scene::{Accuracy, Scene, builtin};
@@ -50,7 +51,7 @@ fn load(name: &str, changes: &[&str]) -> Option<(Scene, Assets)> {
     Some((scene, assets))
 }
 
-fn total(row: &Row) -> f64 {
+fn total(row: &StudyRow) -> f64 {
     row.error.rms + row.model_error_m + row.uncertainty_m
 }
 
@@ -74,7 +75,7 @@ fn compared(
                 .expect("it ran before");
             least[k] = least[k].min(run.time_s);
             if k == 0 {
-                let own = Question::of(&candidate.solver) == Some(study.question);
+                let own = SolverQuestion::of(&candidate.solver) == Some(study.question);
                 let reference = if own {
                     Some(&study.reference)
                 } else {
@@ -82,7 +83,7 @@ fn compared(
                 };
                 let left_out = if own { 0.0 } else { study.model_distance_m };
                 let off = |r: &Reference| {
-                    Distance::between(r.frames(), &run.frames).rms + r.uncertainty.rms
+                    FrameDistance::between(r.frames(), &run.frames).rms + r.uncertainty.rms
                 };
                 error = reference.map_or(f64::NAN, off) + left_out;
             }
@@ -92,7 +93,7 @@ fn compared(
 }
 
 fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads: usize) {
-    let options = Options {
+    let options = StudyOptions {
         budget: 4 * budget,
         frames: Some(scene.frames),
         threads,

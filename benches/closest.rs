@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Point3};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Projection, Surface};
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::shapes::tube;
-use pliant::mesh::{TriangleMesh, closest::closest_on_triangle};
+use pliant::mesh::{TriangleMesh, closest_on_triangle};
 use pliant::particles::Particles;
 
 const MILLIMETRE: f64 = 1e-3;

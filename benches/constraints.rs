@@ -9,7 +9,7 @@ use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, 
 use measured::{
     Body, DT, batch, exponent, pool, quick, result, seconds, volume_error, with_threads,
 };
-use pliant::constraints::{Order, Project, SimdWidth};
+use pliant::constraints::{Project, SimdWidth, SweepOrder};
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, order};
 use pliant::particles::Particles;
@@ -33,8 +33,8 @@ fn check(body: &Body) {
         with_threads(threads, || {
             let count = body.start.len();
             let mut particles = body.start.clone();
-            let mut edges = batch(&body.edges, Order::Coloured, width, count);
-            let mut hinges = batch(&body.hinges, Order::Coloured, width, count);
+            let mut edges = batch(&body.edges, SweepOrder::Coloured, width, count);
+            let mut hinges = batch(&body.hinges, SweepOrder::Coloured, width, count);
             let mut volume = body.volume(width);
             let before = edges.residual(&particles, DT).rms;
             for _ in 0..5 {
@@ -99,7 +99,7 @@ fn kinds(c: &mut Criterion) {
             "edges",
             what.clone(),
             &body,
-            batch(&body.edges, Order::Coloured, width, count),
+            batch(&body.edges, SweepOrder::Coloured, width, count),
             1,
         );
         bench(
@@ -107,7 +107,7 @@ fn kinds(c: &mut Criterion) {
             "hinges",
             what,
             &body,
-            batch(&body.hinges, Order::Coloured, width, count),
+            batch(&body.hinges, SweepOrder::Coloured, width, count),
             1,
         );
         let mut group = c.benchmark_group("volume");
@@ -131,7 +131,7 @@ fn kinds(c: &mut Criterion) {
         "edges",
         "stored order".into(),
         &body,
-        batch(&body.edges, Order::Stored, SimdWidth::One, count),
+        batch(&body.edges, SweepOrder::Stored, SimdWidth::One, count),
         1,
     );
     bench(
@@ -139,14 +139,14 @@ fn kinds(c: &mut Criterion) {
         "hinges",
         "stored order".into(),
         &body,
-        batch(&body.hinges, Order::Stored, SimdWidth::One, count),
+        batch(&body.hinges, SweepOrder::Stored, SimdWidth::One, count),
         1,
     );
     let large = sphere(7);
     for threads in [1, 2] {
         let sweep = batch(
             &large.hinges,
-            Order::Coloured,
+            SweepOrder::Coloured,
             SimdWidth::One,
             large.start.len(),
         );
@@ -206,12 +206,18 @@ fn growth(_: &mut Criterion) {
             least_of_volume(&bodies[1], width) * 1e3,
             "ms",
         );
-        let edges = bodies
-            .each_ref()
-            .map(|b| least(b, batch(&b.edges, Order::Coloured, width, b.start.len())));
-        let hinges = bodies
-            .each_ref()
-            .map(|b| least(b, batch(&b.hinges, Order::Coloured, width, b.start.len())));
+        let edges = bodies.each_ref().map(|b| {
+            least(
+                b,
+                batch(&b.edges, SweepOrder::Coloured, width, b.start.len()),
+            )
+        });
+        let hinges = bodies.each_ref().map(|b| {
+            least(
+                b,
+                batch(&b.hinges, SweepOrder::Coloured, width, b.start.len()),
+            )
+        });
         for (kind, times) in [("edge", edges), ("hinge", hinges)] {
             let name = format!("constraints.{kind}.{name}");
             for (size, time) in sizes.iter().zip(times) {

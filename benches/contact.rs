@@ -17,11 +17,8 @@ use measured::{key, note, quick};
 use nalgebra::{Point3, Vector3};
 use peak_alloc::PeakAlloc;
 use pliant::contact::broad_phase::{BitGrid, Fill, METHODS, Searched};
-use pliant::contact::penetration_response::{Length, PenetrationResponse};
-use pliant::contact::{Obstacle, Surface};
-use pliant::mesh::TriangleMesh;
-use pliant::mesh::inside::Inside;
-use pliant::mesh::topology::Topology;
+use pliant::contact::{Length, Obstacle, PenetrationResponse, Surface};
+use pliant::mesh::{Inside, Topology, TriangleMesh};
 
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;

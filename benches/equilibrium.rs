@@ -11,16 +11,10 @@ use std::time::{Duration, Instant};
 
 use measured::{key, quick, result};
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
-use pliant::constraints::EnclosedVolume;
-use pliant::constraints::Quadratic;
+use pliant::constraints::{EnclosedVolume, Quadratic};
 use pliant::mesh::shapes::make;
-use pliant::mesh::topology::Topology;
-use pliant::mesh::{TriangleMesh, refine};
-use pliant::solvers::descent::{Settings, Unguarded};
-use pliant::solvers::energy::Energy;
-use pliant::solvers::newton::Newton;
-use pliant::solvers::quasi_static::QuasiStatic;
-use pliant::solvers::stiffness;
+use pliant::mesh::{Topology, TriangleMesh, refine};
+use pliant::solvers::{DescentSettings, Energy, Newton, QuasiStatic, Unguarded, stiffness};
 
 /// Stiffness of the example scenes [N/m, N m].
 const MATERIAL: (f64, f64) = (300.0, 2e-4);
@@ -107,7 +101,7 @@ impl Task {
     }
 
     fn solver(&self, energy: Energy, tolerance: f64, iterations: u32) -> QuasiStatic {
-        let settings = Settings {
+        let settings = DescentSettings {
             tolerance,
             iterations,
         };
@@ -130,7 +124,7 @@ impl Task {
         let mut start = self.solver(self.energy(), 1e-5, 2000);
         start.follow(&mut x, &self.pose(angle), &mut Unguarded);
         start.solve(&mut x, &mut Unguarded, |_, _| true);
-        let settings = Settings {
+        let settings = DescentSettings {
             tolerance: 1e-10,
             iterations: 50,
         };
@@ -240,7 +234,7 @@ fn report(task: &Task, rounds: usize) {
 }
 
 fn refined(mesh: &TriangleMesh, edge: f64) -> TriangleMesh {
-    refine::refine(mesh, edge).expect("a finer mesh").mesh
+    refine(mesh, edge).expect("a finer mesh").mesh
 }
 
 fn main() {

@@ -10,15 +10,12 @@ use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::Point3;
-use pliant::fibres::attachment::{AreaSource, Attachment};
 use pliant::fibres::quality::{Quality, measure};
-use pliant::fibres::solid::Closed;
-use pliant::fibres::template::Template;
-use pliant::fibres::{harmonic, slices, springs};
-use pliant::geometric::{Caps, Chain, Shape};
+use pliant::fibres::{AreaSource, Attachment, Closed, Template, harmonic, slices, springs};
+use pliant::geometric::{Caps, Chain, ChainShape};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
-use pliant::simulation::attachments::component;
+use pliant::simulation::component;
 
 /// Muscles, their origins and insertions: a file of patches, with `#` a part of it, or a bone and a distance [m].
 const MUSCLES: &[[&str; 3]] = &[
@@ -160,18 +157,18 @@ fn decompose(
             muscle,
             areas,
             Template::Parallel,
-            springs::Options::default(),
+            springs::SpringOptions::default(),
         )
         .map_err(|e| e.to_string()),
         "slices" => slices::grid(
             muscle,
             areas,
             Template::Parallel,
-            slices::Options::default(),
+            slices::SliceOptions::default(),
         )
         .map_err(|e| e.to_string()),
         _ => {
-            let made = harmonic::decompose(muscle, areas, harmonic::Options::default())
+            let made = harmonic::decompose(muscle, areas, harmonic::HarmonicOptions::default())
                 .map_err(|e| e.to_string())?;
             let numbers = if jacobian {
                 made.jacobian(muscle, areas)
@@ -316,7 +313,7 @@ fn fibres(c: &mut Criterion) {
 
 fn geometric(c: &mut Criterion) {
     let bump = |k: usize| libm::sin(std::f64::consts::PI * (k as f64 + 0.5) / 50.0);
-    let shape = Shape {
+    let shape = ChainShape {
         radii: (0..50).map(|k| 0.005 + 0.02 * bump(k)).collect(),
         growth: (0..50).map(bump).collect(),
         length: 0.3,
@@ -328,7 +325,7 @@ fn geometric(c: &mut Criterion) {
         .warm_up_time(Duration::from_millis(300))
         .measurement_time(Duration::from_secs(1));
     for (name, caps) in [("frusta", Caps::Out), ("frusta and round ends", Caps::In)] {
-        let mut chain = Chain::new(Shape {
+        let mut chain = Chain::new(ChainShape {
             caps,
             ..shape.clone()
         })

@@ -7,11 +7,11 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::Point3;
-use pliant::mesh::inside::Inside;
-use pliant::mesh::repair::{Options, deviation, repair};
 use pliant::mesh::shapes::icosphere;
-use pliant::mesh::winding::{WindingTree, winding_number_direct};
-use pliant::mesh::{Health, TriangleMesh};
+use pliant::mesh::{
+    Health, Inside, RepairOptions, TriangleMesh, WindingTree, deviation, repair,
+    winding_number_direct,
+};
 use pliant::testing::Draw;
 
 /// A sphere with holes, reversed triangles, duplicates and triangles with their own vertices.
@@ -54,9 +54,9 @@ fn health(c: &mut Criterion) {
     group.bench_function("examined, 1 thread", |b| {
         pool.install(|| b.iter(|| Health::of(black_box(&mesh))))
     });
-    let options = Options {
+    let options = RepairOptions {
         close_holes: 20,
-        ..Options::default()
+        ..RepairOptions::default()
     };
     let mended = repair(&mesh, &[], &options).mesh;
     assert!(Health::of(&mended).is_fit());

@@ -11,7 +11,7 @@ use std::hint::black_box;
 use measured::scene::{PRESSED, Scene};
 use measured::turned::Turned;
 use measured::{Body, pool};
-use pliant::constraints::{Order, SimdWidth};
+use pliant::constraints::{SimdWidth, SweepOrder};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::shapes::tube;
 
@@ -23,7 +23,7 @@ fn counted(deed: &mut dyn FnMut()) {
 
 fn sweep(width: SimdWidth) {
     let body = Body::of(tube(0.25, 2.0, 44));
-    let mut all = body.sweep(Order::Coloured, width);
+    let mut all = body.sweep(SweepOrder::Coloured, width);
     let mut particles = body.start.clone();
     all.sweep(&mut particles);
     counted(&mut || (0..5).for_each(|_| all.again(black_box(&mut particles))));

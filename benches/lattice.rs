@@ -14,7 +14,7 @@ use measured::{key, pool, quick, result, seconds};
 use pliant::constraints::SimdWidth;
 use pliant::simd::Number;
 use pliant::springs::Neighbours;
-use pliant::springs::lattice::{Lattice, Rest, Settings, Shape};
+use pliant::springs::lattice::{Lattice, LatticeRestSettings, LatticeSettings, LatticeShape};
 
 /// Tables 7.1 and 7.2 of the source: points along a side, and milliseconds a step for 6 and for 26 neighbours, on the
 /// processor (Core 2 Quad, 2.4 GHz) and on the better of its two programs for the graphics card (GeForce 9600 GT).
@@ -33,9 +33,9 @@ const SOURCE: [(usize, [[f64; 2]; 2]); 10] = [
 
 /// A cube whose points are displaced randomly by up to a fortieth of their distance.
 fn shaken<F: Number>(n: usize, neighbours: Neighbours) -> Lattice<F> {
-    let shape = Shape::unit_cube(n);
+    let shape = LatticeShape::unit_cube(n);
     let mut lattice =
-        Lattice::<F>::new(shape, Settings::new(neighbours)).expect("a stable lattice");
+        Lattice::<F>::new(shape, LatticeSettings::new(neighbours)).expect("a stable lattice");
     for (p, point) in shape.each().enumerate() {
         let by = |prime: usize| ((p * prime) % 1009) as f64 / 1009.0 - 0.5;
         let [x, y, z] = shape.at(point);
@@ -174,20 +174,20 @@ fn steps(c: &mut Criterion) {
     }
     group.bench_function("until rest", |b| {
         b.iter(|| {
-            let settings = Settings {
+            let settings = LatticeSettings {
                 mass: 1.0,
                 damping: Some(4.9),
                 time_step: Some(0.01),
-                ..Settings::new(Neighbours::Six)
+                ..LatticeSettings::new(Neighbours::Six)
             };
-            let mut lattice =
-                Lattice::<f64>::new(Shape::unit_cube(5), settings).expect("a stable lattice");
+            let mut lattice = Lattice::<f64>::new(LatticeShape::unit_cube(5), settings)
+                .expect("a stable lattice");
             let shape = *lattice.shape();
             for point in shape.each().filter(|&point| shape.on_surface(point)) {
                 lattice.place(point, shape.at(point).map(|x| 0.98 * x));
                 lattice.pin(point);
             }
-            let rest = Rest {
+            let rest = LatticeRestSettings {
                 threshold: 6.3e-7,
                 quiet: 300,
                 limit: 10_000,

@@ -13,10 +13,9 @@ use nalgebra::{Point3, Similarity3, Vector3};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
 use pliant::morph::blend::Path as Way;
-use pliant::morph::correspondence::{Correspondence, Settings};
-use pliant::morph::register::{self, Motion, Surface, register_surfaces};
+use pliant::morph::register::{self, FitMotion, RegistrationSurface, register_surfaces};
 use pliant::morph::sphere::{check, flipped};
-use pliant::morph::{Distortion, SphereMap};
+use pliant::morph::{Correspondence, CorrespondenceSettings, Distortion, SphereMap};
 
 /// A belly 0.3 m long and up to 60 mm wide, flat, bent by half a radian, with `around` vertices around it.
 fn belly(around: u32) -> TriangleMesh {
@@ -138,7 +137,7 @@ fn maps(c: &mut Criterion) {
     let both = Correspondence::new(
         [&body, &other],
         &[],
-        &Settings::default(),
+        &CorrespondenceSettings::default(),
         &pliant::progress::Silent,
     )
     .expect("two spheres");
@@ -178,10 +177,10 @@ fn registration(c: &mut Criterion) {
         .vertices
         .iter_mut()
         .for_each(|p| *p = known.inverse() * *p);
-    let [from, to] = [&moving, &fixed].map(|m| Surface::new(m).expect("a surface"));
-    let how = register::Settings {
-        motion: Motion::Similarity,
-        ..register::Settings::default()
+    let [from, to] = [&moving, &fixed].map(|m| RegistrationSurface::new(m).expect("a surface"));
+    let how = register::RegistrationSettings {
+        motion: FitMotion::Similarity,
+        ..register::RegistrationSettings::default()
     };
     let laid = register_surfaces(&from, &to, &how, &pliant::progress::Silent).expect("a motion");
     let off = laid

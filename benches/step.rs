@@ -14,7 +14,7 @@ use measured::turned::Turned;
 use measured::{
     Body, compare, exponent, in_turn, pool, quick, result, seconds, volume_error, with_threads,
 };
-use pliant::constraints::{Order, SimdWidth};
+use pliant::constraints::{SimdWidth, SweepOrder};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
 use pliant::particles::Particles;
@@ -80,7 +80,7 @@ fn frame(c: &mut Criterion) {
 
 /// Both orders satisfy the constraints equally well; widths and threads change no bit.
 fn check(body: &Body) {
-    let solved = |order: Order, width: SimdWidth, threads: usize| {
+    let solved = |order: SweepOrder, width: SimdWidth, threads: usize| {
         with_threads(threads, || {
             let (mut all, mut particles) = (body.sweep(order, width), body.start.clone());
             all.sweep(&mut particles);
@@ -90,8 +90,8 @@ fn check(body: &Body) {
             (all.residuals(&particles), particles)
         })
     };
-    let (stored, _) = solved(Order::Stored, SimdWidth::One, 1);
-    let (coloured, one) = solved(Order::Coloured, SimdWidth::One, 1);
+    let (stored, _) = solved(SweepOrder::Stored, SimdWidth::One, 1);
+    let (coloured, one) = solved(SweepOrder::Coloured, SimdWidth::One, 1);
     for (c, s) in coloured.iter().zip(&stored) {
         assert!(
             *s > 0.0 && *c <= 1.1 * s,
@@ -101,7 +101,7 @@ fn check(body: &Body) {
     for &width in SimdWidth::available() {
         for threads in [1, 2] {
             assert!(
-                solved(Order::Coloured, width, threads).1 == one,
+                solved(SweepOrder::Coloured, width, threads).1 == one,
                 "other bits: {width}, {threads} threads"
             );
         }
@@ -125,8 +125,12 @@ fn sweeps(c: &mut Criterion) {
         .measurement_time(Duration::from_millis(800));
     let pool = pool(1);
     for (name, order, widths) in [
-        ("coloured", Order::Coloured, SimdWidth::available()),
-        ("stored order", Order::Stored, &SimdWidth::available()[..1]),
+        ("coloured", SweepOrder::Coloured, SimdWidth::available()),
+        (
+            "stored order",
+            SweepOrder::Stored,
+            &SimdWidth::available()[..1],
+        ),
     ] {
         for &width in widths {
             let mut all = body.sweep(order, width);
@@ -143,8 +147,8 @@ fn sweeps(c: &mut Criterion) {
     }
     group.finish();
     let (mut scalar, mut lanes) = (
-        body.sweep(Order::Coloured, SimdWidth::One),
-        body.sweep(Order::Coloured, SimdWidth::best()),
+        body.sweep(SweepOrder::Coloured, SimdWidth::One),
+        body.sweep(SweepOrder::Coloured, SimdWidth::best()),
     );
     let (mut a, mut b) = (body.start.clone(), body.start.clone());
     let times = pool.install(|| {
@@ -181,8 +185,8 @@ fn threads(_: &mut Criterion) {
         ("step.threads.scalar", SimdWidth::One),
     ] {
         let mut sets = [
-            body.sweep(Order::Coloured, width),
-            body.sweep(Order::Coloured, width),
+            body.sweep(SweepOrder::Coloured, width),
+            body.sweep(SweepOrder::Coloured, width),
         ];
         let [first, second] = &mut sets;
         let (mut a, mut b) = (body.start.clone(), body.start.clone());
@@ -210,7 +214,7 @@ fn growth(_: &mut Criterion) {
     for &size in all {
         let body = Body::of(tube(0.25, 2.0, size));
         let count = body.start.len();
-        let mut lanes = body.sweep(Order::Coloured, SimdWidth::best());
+        let mut lanes = body.sweep(SweepOrder::Coloured, SimdWidth::best());
         let mut particles = body.start.clone();
         let rounds = if quick() {
             1

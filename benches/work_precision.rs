@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use measured::{quick, result};
 use nalgebra::Point3;
-use pliant::accuracy::{Options, Question, Row, Status, Study, measure};
+use pliant::accuracy::{SolverQuestion, Status, Study, StudyOptions, StudyRow, measure};
 use pliant::io::Encoding;
 use pliant::mesh::shapes::tube;
 use pliant::progress::Silent;
@@ -55,7 +55,7 @@ fn scene(solver: &str) -> (Scene, Assets) {
     (scene, assets)
 }
 
-fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
+fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a StudyRow> {
     study
         .rows
         .iter()
@@ -65,14 +65,14 @@ fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
 /// Errors [m] of rows with increasing work.
 fn falling(study: &Study) -> Vec<f64> {
     let mut rows: Vec<(f64, f64)> = match study.question {
-        Question::Motion => of(study, "xpbd")
+        SolverQuestion::Motion => of(study, "xpbd")
             .filter(|r| {
                 r.candidate.solver.iterations() == 1
                     && [4, 16, 64].contains(&r.candidate.solver.substeps())
             })
             .map(|r| (f64::from(r.candidate.solver.substeps()), r.error.rms))
             .collect(),
-        Question::Equilibrium => of(study, "quasi_static")
+        SolverQuestion::Equilibrium => of(study, "quasi_static")
             .filter_map(|r| match r.candidate.solver {
                 Solver::QuasiStatic(s) if s.iterations > 100 => Some((-s.tolerance, r.error.rms)),
                 _ => None,
@@ -96,8 +96,9 @@ fn check(study: &Study) {
         errors.len() >= 3 && last <= 0.5 * first,
         "errors do not fall with work: {errors:?}"
     );
-    let own = |r: &&Row| {
-        Question::of(&r.candidate.solver) == Some(study.question) && r.status != Status::Diverged
+    let own = |r: &&StudyRow| {
+        SolverQuestion::of(&r.candidate.solver) == Some(study.question)
+            && r.status != Status::Diverged
     };
     let least = study
         .rows
@@ -137,7 +138,7 @@ fn report(name: &str, study: &Study) {
         study.frames as f64,
         "1",
     );
-    let mut front: Vec<&Row> = study.front.iter().map(|&r| &study.rows[r]).collect();
+    let mut front: Vec<&StudyRow> = study.front.iter().map(|&r| &study.rows[r]).collect();
     front.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     for row in front {
         let total = percent(row.error.rms + row.model_error_m);
@@ -168,7 +169,7 @@ fn main() {
         ("equilibrium", "[solver.quasi_static]\n"),
     ] {
         let (scene, assets) = scene(solver);
-        let options = Options {
+        let options = StudyOptions {
             budget,
             frames: Some(if quick() { 2 } else { 4 }),
             threads: 1,

@@ -7,13 +7,13 @@ use std::error::Error;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use pliant::mesh::inside::Inside;
+use pliant::mesh::Inside;
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::icosphere;
-use pliant::solvers::{Settings, stiffness};
+use pliant::solvers::{StepSettings, stiffness};
 use pliant::{
-    Batch, Bending, Contacts, Distance, EnclosedVolume, Order, Particles, PosedObstacle, Surface,
-    System, Topology, TriangleMesh,
+    Batch, Bending, Contacts, Distance, EnclosedVolume, Particles, PosedObstacle, Surface,
+    SweepOrder, System, Topology, TriangleMesh,
 };
 
 /// Mass of the body [kg].
@@ -77,7 +77,7 @@ fn soft_body(body: &TriangleMesh, placed: &[PosedObstacle]) -> System {
             false => count as f64 / MASS,
         })
         .collect();
-    let settings = Settings {
+    let settings = StepSettings {
         iterations: 5,
         gravity: Vector3::zeros(),
         velocity_factor: 0.95,
@@ -93,8 +93,8 @@ fn soft_body(body: &TriangleMesh, placed: &[PosedObstacle]) -> System {
     let (edges, k) = stiffness::edges(body, &topology, STIFFNESS[0]);
     let (hinges, b) = stiffness::hinges(body, &topology, STIFFNESS[1]);
     let [k, b] = [k, b].map(|stiffness| stiffness::compliance(&stiffness));
-    let edges = Batch::<Distance, 2>::new(edges, k, Order::Coloured, count, &[]);
-    let hinges = Batch::<Bending, 4>::new(hinges, b, Order::Coloured, count, &[]);
+    let edges = Batch::<Distance, 2>::new(edges, k, SweepOrder::Coloured, count, &[]);
+    let hinges = Batch::<Bending, 4>::new(hinges, b, SweepOrder::Coloured, count, &[]);
     system.elastic.push(Box::new(edges));
     system.elastic.push(Box::new(hinges));
 

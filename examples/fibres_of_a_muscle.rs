@@ -2,8 +2,8 @@
 
 use std::error::Error;
 
-use pliant::fibres::harmonic::{Options, decompose};
-use pliant::fibres::polyline::length;
+use pliant::fibres::harmonic::{HarmonicOptions, decompose};
+use pliant::fibres::length;
 use pliant::fibres::quality::measure;
 use pliant::mesh::shapes::icosphere;
 use pliant::{AreaSource, Attachment, TriangleMesh};
@@ -33,7 +33,7 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     )?;
 
     // The fibres are streamlines of a harmonic field inside the muscle.
-    let options = Options {
+    let options = HarmonicOptions {
         count: 30,
         points: 12,
     };

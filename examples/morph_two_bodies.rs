@@ -4,8 +4,8 @@ use std::error::Error;
 
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{box_surface, icosphere};
+use pliant::morph::CorrespondenceSettings;
 use pliant::morph::blend::linear;
-use pliant::morph::correspondence::Settings;
 use pliant::{Aabb, Correspondence, Silent, Topology};
 
 /// Runs the example.
@@ -16,7 +16,7 @@ pub fn main() -> Result<(), Box<dyn Error>> {
 
     // The correspondence has the vertices of both meshes, and those where their edges cross. Pairs of vertices can say
     // which places belong together; here the shapes alone decide. `Silent` shows no progress.
-    let settings = Settings::default();
+    let settings = CorrespondenceSettings::default();
     let both = Correspondence::new([&ball, &block], &[], &settings, &Silent)?;
 
     // The common triangles make a closed surface.

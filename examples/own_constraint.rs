@@ -4,7 +4,7 @@
 //! its points, its value, and its value with the gradient. The library projects it like its own kinds.
 
 use nalgebra::{Point3, Vector3};
-use pliant::{Batch, Constraint, Order, Particles, Project, Scalar};
+use pliant::{Batch, Constraint, Particles, Project, Scalar, SweepOrder};
 
 /// Keeps the area of a triangle at `rest` [m^2]. A triangle without area has no gradient.
 #[derive(Clone, Copy)]
@@ -64,7 +64,7 @@ pub fn main() {
     let mut batch = Batch::new(
         triangles.to_vec(),
         compliance,
-        Order::Stored,
+        SweepOrder::Stored,
         particles.len(),
         &[],
     );

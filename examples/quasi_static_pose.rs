@@ -7,8 +7,7 @@ use std::error::Error;
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::tube;
-use pliant::solvers::descent::{Settings, Unguarded};
-use pliant::solvers::stiffness;
+use pliant::solvers::{DescentSettings, Unguarded, stiffness};
 use pliant::{EnclosedVolume, Energy, Quadratic, QuasiStatic, Topology, TriangleMesh};
 
 /// Runs the example.
@@ -23,7 +22,7 @@ pub fn main() -> Result<(), Box<dyn Error>> {
         .collect();
 
     // The solver factorises one matrix of the body at rest; all poses use it.
-    let settings = Settings {
+    let settings = DescentSettings {
         tolerance: 1e-6,
         iterations: 2000,
     };

@@ -4,8 +4,7 @@ use std::error::Error;
 use std::path::Path;
 use std::{env, fs, process};
 
-use pliant::mesh::health::Kind;
-use pliant::mesh::repair::{Options, Step, repair};
+use pliant::mesh::{FindingKind, RepairOptions, RepairStep, repair};
 use pliant::{Health, io};
 
 /// A cube of side 1 with four defects.
@@ -49,28 +48,28 @@ fn read_and_repair(folder: &Path) -> Result<(), Box<dyn Error>> {
     // Every defect has a code, a place and a repair. A defect with a code that begins with E rejects a simulation.
     let health = Health::of(&file.mesh);
     assert!(!health.is_fit());
-    let found = |kind: Kind| health.findings.iter().any(|finding| finding.kind == kind);
-    assert!(found(Kind::OpenBoundary));
-    assert!(found(Kind::InconsistentOrientation));
-    assert!(found(Kind::DuplicateTriangles));
-    assert!(found(Kind::UnusedVertices));
+    let found = |kind: FindingKind| health.findings.iter().any(|finding| finding.kind == kind);
+    assert!(found(FindingKind::OpenBoundary));
+    assert!(found(FindingKind::InconsistentOrientation));
+    assert!(found(FindingKind::DuplicateTriangles));
+    assert!(found(FindingKind::UnusedVertices));
 
     // Holes with at most 4 edges are closed only because the options ask for it.
-    let options = Options {
+    let options = RepairOptions {
         close_holes: 4,
-        ..Options::default()
+        ..RepairOptions::default()
     };
     let repaired = repair(&file.mesh, &file.lines, &options);
 
     // The repair reports its changes, in order, and moves no vertex.
-    let steps: Vec<Step> = repaired.changes.iter().map(|change| change.step).collect();
+    let steps: Vec<RepairStep> = repaired.changes.iter().map(|change| change.step).collect();
     assert_eq!(
         steps,
         [
-            Step::DroppedDuplicateTriangles,
-            Step::ClosedHoles,
-            Step::TurnedTriangles,
-            Step::DroppedVertices
+            RepairStep::DroppedDuplicateTriangles,
+            RepairStep::ClosedHoles,
+            RepairStep::TurnedTriangles,
+            RepairStep::DroppedVertices
         ]
     );
     assert_eq!(repaired.moved, 0.0);

@@ -11,7 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use pliant::io;
-use pliant::mesh::{Health, repair};
+use pliant::mesh::{Health, RepairOptions, repair};
 use pliant::scene::builtin;
 use pliant::simulation::Simulation;
 
@@ -86,10 +86,10 @@ fn examined(path: &Path) -> String {
             finding.kind.repair()
         ));
     }
-    let repaired = repair::repair(
+    let repaired = repair(
         &file.mesh,
         &file.lines,
-        &repair::Options {
+        &RepairOptions {
             close_holes: 9,
             ..Default::default()
         },

@@ -6,9 +6,11 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
-use pliant::io::{MeshFile, Place, Problem, ReadError};
+use pliant::io::{FilePlace, MeshFile, ReadError, ReadProblem};
 use pliant::mesh::TriangleMesh;
-use pliant::testing::{Breach, Mutator, Outcome, check_reader, check_target, dictionary, seeds};
+use pliant::testing::{
+    Breach, LoadOutcome, Mutator, check_reader, check_target, dictionary, seeds,
+};
 
 /// Number of mutated files per format.
 const COUNT: usize = 200_000;
@@ -41,7 +43,7 @@ fn changed_files(target: &'static str, share: usize) {
         for i in 0..count {
             let bytes = mutator.mutate(&files);
             match check_target(target, &bytes) {
-                Ok(outcome) => accepted += usize::from(outcome == Outcome::Accepted),
+                Ok(outcome) => accepted += usize::from(outcome == LoadOutcome::Accepted),
                 Err(breach) => {
                     let path =
                         Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{target}-{i}.bin"));
@@ -205,7 +207,7 @@ fn first_breach(reader: fn(&[u8]) -> Result<MeshFile, ReadError>) -> Option<Brea
     let files = vec![b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()];
     assert_eq!(
         check_reader(&files[0], reader),
-        Ok(Outcome::Accepted),
+        Ok(LoadOutcome::Accepted),
         "the file that was not changed"
     );
     let mut mutator = Mutator::new(1, words("obj"));
@@ -231,21 +233,24 @@ fn control_errors_that_do_not_help_are_found() {
         within: "".into(),
         column: Some(1),
         read_as: None,
-        problem: Problem::ZeroIndex,
+        problem: ReadProblem::ZeroIndex,
         found: found.into(),
     };
     let check = |error| check_reader(b"f 0\nf 1", |_| Err(error));
-    assert_eq!(check(good("0", Place::Line(2))), Ok(Outcome::Refused));
+    assert_eq!(
+        check(good("0", FilePlace::Line(2))),
+        Ok(LoadOutcome::Refused)
+    );
     let missing = ReadError::Io {
         file: "a".into(),
         source: std::io::Error::other("no"),
     };
     let wrong = [
-        good("a\nb", Place::Line(1)),
-        good(&"x".repeat(65), Place::Line(1)),
-        good("0", Place::Line(0)),
-        good("0", Place::Line(4)),
-        good("0", Place::Offset(8)),
+        good("a\nb", FilePlace::Line(1)),
+        good(&"x".repeat(65), FilePlace::Line(1)),
+        good("0", FilePlace::Line(0)),
+        good("0", FilePlace::Line(4)),
+        good("0", FilePlace::Offset(8)),
         missing,
     ];
     for error in wrong {

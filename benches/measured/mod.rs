@@ -13,7 +13,7 @@ use std::time::Instant;
 pub use lines::{compare, key, note, quartiles, quick, result};
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
-    Batch, Bending, Constraint, Distance, EnclosedVolume, Order, Project, SimdWidth,
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Project, SimdWidth, SweepOrder,
 };
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::{Packed, Particles};
@@ -118,7 +118,7 @@ impl Body {
         packed
     }
 
-    pub fn sweep(&self, order: Order, width: SimdWidth) -> Swept {
+    pub fn sweep(&self, order: SweepOrder, width: SimdWidth) -> Swept {
         let count = self.start.len();
         Swept {
             edges: batch(&self.edges, order, width, count),
@@ -131,7 +131,7 @@ impl Body {
 
 pub fn batch<C: Constraint<K>, const K: usize>(
     (all, compliance): &(Vec<C>, Vec<f64>),
-    order: Order,
+    order: SweepOrder,
     width: SimdWidth,
     count: usize,
 ) -> Batch<C, K> {

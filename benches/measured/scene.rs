@@ -4,12 +4,12 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use pliant::constraints::{Batch, EnclosedVolume, Order, SimdWidth};
+use pliant::constraints::{Batch, EnclosedVolume, SimdWidth, SweepOrder};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use pliant::mesh::shapes::tube;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::Particles;
-use pliant::solvers::{Settings, System, stiffness};
+use pliant::solvers::{StepSettings, System, stiffness};
 
 use super::volume_error;
 
@@ -52,7 +52,7 @@ impl Scene {
             .iter()
             .map(|p| if held(p) { 0.0 } else { count as f64 / 0.7 })
             .collect();
-        let settings = Settings {
+        let settings = StepSettings {
             iterations: 3,
             // As the bone, which leads it, the muscle goes a millimetre a frame: nothing swings on.
             gravity: Vector3::zeros(),
@@ -65,7 +65,7 @@ impl Scene {
         let topology = Topology::new(&mesh);
         let (edges, k) = stiffness::edges(&mesh, &topology, 300.0);
         let (hinges, b) = stiffness::hinges(&mesh, &topology, 2e-4);
-        let coloured = Order::Coloured;
+        let coloured = SweepOrder::Coloured;
         system.elastic.push(Box::new(Batch::new(
             edges,
             stiffness::compliance(&k),

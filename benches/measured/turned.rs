@@ -1,13 +1,9 @@
 //! A tube with one rotated end, for the equilibrium solver.
 
 use nalgebra::{Point3, Rotation3, Vector3};
-use pliant::constraints::EnclosedVolume;
-use pliant::constraints::Quadratic;
+use pliant::constraints::{EnclosedVolume, Quadratic};
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::solvers::descent::{Settings, Unguarded};
-use pliant::solvers::energy::Energy;
-use pliant::solvers::quasi_static::QuasiStatic;
-use pliant::solvers::stiffness;
+use pliant::solvers::{DescentSettings, Energy, QuasiStatic, Unguarded, stiffness};
 
 use super::volume_error;
 
@@ -65,7 +61,7 @@ impl<'a> Turned<'a> {
 
     /// Factors the constant matrix.
     pub fn factored(&self, energy: Energy) -> QuasiStatic {
-        let settings = Settings {
+        let settings = DescentSettings {
             tolerance: 0.0,
             iterations: ITERATIONS,
         };

@@ -3,24 +3,22 @@
 use std::time::Duration;
 
 use nalgebra::Point3;
-use pliant::accuracy::{Options, Study, measure};
+use pliant::accuracy::{Study, StudyOptions, measure};
 use pliant::mesh::shapes::sheet;
 use pliant::progress::Silent;
 use pliant::scene::builtin::load;
 use pliant::simulation::Assets;
-use pliant::skin::plan::Place;
-use pliant::skin::settle::Progress;
-use pliant::skin::{ImplantSpec, insert};
+use pliant::skin::{ImplantPlace, ImplantSpec, SettleProgress, insert};
 use pliant_cli::report::implant::{Insertion, Point};
 use pliant_cli::report::work_precision;
 
-const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
+const CENTRE: ImplantPlace = ImplantPlace::Point(Point3::new(0.0, 0.0, 0.0));
 
 /// Three frames of a built-in scene.
 fn study() -> Study {
     let scene = load("distance", &["solver=xpbd".to_owned()]).expect("a built-in scene");
     let assets = Assets::load(&scene).expect("shapes made by code");
-    let options = Options {
+    let options = StudyOptions {
         budget: Duration::from_secs(20),
         frames: Some(3),
         threads: 1,
@@ -80,7 +78,7 @@ fn a_volume_of_a_curve_that_is_not_at_rest_fails_and_far_stretched_skin_does_not
     let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
     assert!(done.progress.converged, "{:?}", done.progress);
     let point = |volume, converged| {
-        let progress = Progress {
+        let progress = SettleProgress {
             converged,
             ..done.progress
         };

@@ -3,10 +3,10 @@
 use serde_json::{Map, Value, json};
 
 use crate::constraints::lanes::SimdWidth;
-use crate::contact::broad_phase::{METHODS, Method};
-pub use crate::scene::Question;
+use crate::contact::broad_phase::{BroadPhase, METHODS};
+pub use crate::scene::SolverQuestion;
 use crate::scene::solvers::{self, ENOUGH_ITERATIONS};
-use crate::scene::{Order, Scene, Solver};
+use crate::scene::{Scene, Solver, SweepOrder};
 
 /// A solver with its settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,7 +80,7 @@ impl Candidate {
     }
 
     /// The method of contact search, if it is not the default.
-    pub fn kind_of_way(&self) -> Option<&'static Method> {
+    pub fn kind_of_way(&self) -> Option<&'static BroadPhase> {
         METHODS.iter().find(|kind| Some(kind.name) == self.way)
     }
 
@@ -102,7 +102,7 @@ impl Candidate {
 /// The same candidate with the other orders of a sweep; empty for a solver without sweeps.
 pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
     let mut others = Vec::new();
-    for (_, order) in Order::NAMES {
+    for (_, order) in SweepOrder::NAMES {
         if let Some(solver) = candidate.solver.with_order(order)
             && solver != candidate.solver
         {

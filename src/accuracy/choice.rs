@@ -1,6 +1,6 @@
 //! Selection of the cheapest measured settings.
 
-use super::study::{Row, Status};
+use super::study::{Status, StudyRow};
 
 /// Target accuracies of the recommendations, relative to the muscles' length.
 pub const TARGETS: [f64; 3] = [0.1, 0.01, 0.001];
@@ -16,7 +16,7 @@ pub struct Recommended {
 
 /// True if a row reaches an error [m], including the model error of its solver. An error below the
 /// reference's uncertainty counts as that uncertainty.
-pub fn reaches(row: &Row, error: f64) -> bool {
+pub fn reaches(row: &StudyRow, error: f64) -> bool {
     row.status != Status::Diverged
         && row.uncertainty_m <= error
         && row.error.rms + row.model_error_m <= error
@@ -24,12 +24,12 @@ pub fn reaches(row: &Row, error: f64) -> bool {
 
 /// True if a scene can use these settings: other methods of contact search exist for comparison
 /// only.
-fn can_be_run(row: &Row) -> bool {
+fn can_be_run(row: &StudyRow) -> bool {
     row.candidate.way.is_none()
 }
 
 /// The fastest row that reaches each target; `length` [m] is the scale of the targets.
-pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
+pub fn recommend(rows: &[StudyRow], length: f64) -> Vec<Recommended> {
     let best = |target: f64| {
         let error = target * length;
         let able = rows
@@ -46,7 +46,7 @@ pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
 }
 
 /// The rows that no other row beats in both time and error, by increasing time.
-pub fn pareto(rows: &[Row]) -> Vec<usize> {
+pub fn pareto(rows: &[StudyRow]) -> Vec<usize> {
     let total = |i: usize| rows[i].error.rms + rows[i].model_error_m;
     let mut order: Vec<usize> = (0..rows.len())
         .filter(|i| rows[*i].status != Status::Diverged)
@@ -71,21 +71,21 @@ pub fn pareto(rows: &[Row]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::{Candidate, Distance, Question};
+    use crate::accuracy::{Candidate, FrameDistance, SolverQuestion};
 
-    fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> Row {
-        let error = Distance {
+    fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> StudyRow {
+        let error = FrameDistance {
             rms,
             max: rms,
             frame: 1,
         };
-        let candidate = Candidate::new(Question::Motion.minimised(1, 1e-3), 1);
-        Row {
+        let candidate = Candidate::new(SolverQuestion::Motion.minimised(1, 1e-3), 1);
+        StudyRow {
             error,
             uncertainty_m: 1e-4,
             model_error_m,
             time_s,
-            ..Row::new(candidate, status)
+            ..StudyRow::new(candidate, status)
         }
     }
 
@@ -99,14 +99,14 @@ mod tests {
             row(9.0, 0.0005, 0.0, Status::Converged),
             row(0.1, f64::NAN, 0.0, Status::NotConverged),
         ];
-        let chosen = |rows: &[Row]| {
+        let chosen = |rows: &[StudyRow]| {
             recommend(rows, 1.0)
                 .iter()
                 .map(|r| r.row)
                 .collect::<Vec<_>>()
         };
         assert_eq!(chosen(&rows), [Some(0), Some(2), Some(4)]);
-        let doubtful = rows.map(|row| Row {
+        let doubtful = rows.map(|row| StudyRow {
             uncertainty_m: 0.002,
             ..row
         });

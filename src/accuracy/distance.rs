@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 /// Distance of one motion from another, over all frames and bodies.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Distance {
+pub struct FrameDistance {
     /// Root mean square over the vertices of a frame, in the worst frame [m].
     pub rms: f64,
     /// Greatest distance of any vertex in any frame [m].
@@ -23,7 +23,7 @@ pub(super) fn rise(to: &mut f64, value: f64) -> bool {
     rises
 }
 
-impl Distance {
+impl FrameDistance {
     /// Distance between two motions, `[frame][vertex]`, over their common frames; NaN if a position
     /// is NaN.
     pub fn between(a: &[Vec<Point3<f64>>], b: &[Vec<Point3<f64>>]) -> Self {
@@ -57,14 +57,14 @@ mod tests {
 
     #[test]
     fn the_worst_frame_counts() {
-        let found = Distance::between(&motion(&[0.0, 1.0, 2.0]), &motion(&[0.0, 4.0, 1.0]));
+        let found = FrameDistance::between(&motion(&[0.0, 1.0, 2.0]), &motion(&[0.0, 4.0, 1.0]));
         assert_eq!((found.max, found.frame), (3.0, 2));
         assert!((found.rms - 4.5_f64.sqrt()).abs() <= 1e-15);
     }
 
     #[test]
     fn what_is_no_number_is_not_hidden() {
-        let found = Distance::between(&motion(&[0.0, f64::NAN, 2.0]), &motion(&[0.0; 3]));
+        let found = FrameDistance::between(&motion(&[0.0, f64::NAN, 2.0]), &motion(&[0.0; 3]));
         assert!(found.rms.is_nan() && found.max.is_nan());
     }
 }

@@ -6,21 +6,24 @@
 //! for the others. The **model error** of a solver of the other problem is the distance between
 //! both references. Errors from the mesh or the material are not measured here.
 
-pub mod candidates;
-pub mod choice;
-pub mod distance;
-pub mod model;
-pub mod pilot;
-pub mod reference;
+pub(crate) mod candidates;
+pub(crate) mod choice;
+pub(crate) mod distance;
+pub(crate) mod model;
+pub(crate) mod pilot;
+pub(crate) mod reference;
 mod search;
-pub mod skin;
-pub mod study;
-pub mod trajectory;
+pub(crate) mod skin;
+pub(crate) mod study;
+pub(crate) mod trajectory;
 
-pub use candidates::{Candidate, Question};
-pub use choice::Recommended;
-pub use distance::Distance;
+pub use candidates::HIERARCHY;
+pub use skin::{SkinRow, SkinStudy, SkinStudyError, measure_skin, method_name};
+
+pub use candidates::{Candidate, SolverQuestion};
+pub use choice::{Recommended, reaches};
+pub use distance::FrameDistance;
 pub use pilot::{Chosen, choose};
 pub use reference::Reference;
-pub use study::{Options, Row, Status, Study, StudyError, measure};
+pub use study::{Status, Study, StudyError, StudyOptions, StudyRow, measure};
 pub use trajectory::Trajectory;

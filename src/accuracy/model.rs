@@ -9,10 +9,10 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::candidates::Candidate;
-use super::study::{Row, Status, Study};
-use crate::constraints::Order;
+use super::study::{Status, Study, StudyRow};
+use crate::constraints::SweepOrder;
 use crate::scene::solvers::{ENOUGH_ITERATIONS, SOLVERS};
-use crate::scene::{Question, SolverSpec};
+use crate::scene::{SolverQuestion, SolverSpec};
 
 /// The sweeps of the shipped model's fit, as written by `pliant accuracy`; `docs/accuracy.md` lists
 /// them.
@@ -42,10 +42,10 @@ impl Family {
                 solver,
                 is_limited: false,
             };
-            return (order == Order::Coloured.name()).then_some((family, iterations));
+            return (order == SweepOrder::Coloured.name()).then_some((family, iterations));
         };
         let is_limited =
-            question == Question::Equilibrium && iterations < f64::from(ENOUGH_ITERATIONS);
+            question == SolverQuestion::Equilibrium && iterations < f64::from(ENOUGH_ITERATIONS);
         let setting = if is_limited {
             iterations
         } else {
@@ -176,7 +176,7 @@ impl Model {
     }
 
     /// Adds a measured run.
-    pub fn learn(&mut self, row: &Row) {
+    pub fn learn(&mut self, row: &StudyRow) {
         let Some((family, features)) = family(&row.candidate) else {
             return;
         };

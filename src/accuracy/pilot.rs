@@ -9,11 +9,11 @@
 
 use std::time::Duration;
 
-use super::candidates::{self, Candidate, Question};
-use super::distance::Distance;
+use super::candidates::{self, Candidate, SolverQuestion};
+use super::distance::FrameDistance;
 use super::model::{Expected, Model};
 use super::search::{floor, search, total};
-use super::study::{Options, Row, Status, Study, StudyError, begin};
+use super::study::{Status, Study, StudyError, StudyOptions, StudyRow, begin};
 use super::trajectory::Trajectory;
 use crate::progress::Progress;
 use crate::scene::{Accuracy, Scene};
@@ -60,9 +60,9 @@ fn growth(
     target_m: f64,
     progress: &dyn Progress,
 ) -> Result<f64, StudyError> {
-    let own = |row: &&Row| {
+    let own = |row: &&StudyRow| {
         row.status != Status::Diverged
-            && Question::of(&row.candidate.solver) == Some(study.question)
+            && SolverQuestion::of(&row.candidate.solver) == Some(study.question)
     };
     let fastest = |most: f64| {
         let able = study
@@ -81,7 +81,7 @@ fn growth(
     if study.frames >= scene.frames {
         return Ok(1.0);
     }
-    let run = |row: &Row| {
+    let run = |row: &StudyRow| {
         progress.begin(&format!(
             "all frames: {}, {}",
             row.candidate.solver_key(),
@@ -93,7 +93,7 @@ fn growth(
     };
     let (rough, fine) = (run(rough)?, run(fine)?);
     let first = |run: &Trajectory| run.frames[..study.frames.min(run.frames.len())].to_vec();
-    let before = Distance::between(&first(&rough), &first(&fine)).rms;
+    let before = FrameDistance::between(&first(&rough), &first(&fine)).rms;
     if before <= NOTHING * study.length {
         let why = format!(
             "nothing happens in frames 1 to {}, for which there was time",
@@ -101,7 +101,7 @@ fn growth(
         );
         return Err(StudyError::NoReference(why));
     }
-    let ratio = Distance::between(&rough.frames, &fine.frames).rms / before;
+    let ratio = FrameDistance::between(&rough.frames, &fine.frames).rms / before;
     // Not `f64::max`, which would hide a NaN.
     Ok(if ratio <= 1.0 { 1.0 } else { ratio })
 }
@@ -122,7 +122,7 @@ pub fn choose(
     let (mut measuring, mut study) = begin(
         scene,
         assets,
-        Options {
+        StudyOptions {
             budget,
             frames: None,
             threads,
@@ -154,8 +154,8 @@ pub fn choose(
         target_m / growth,
         progress,
     );
-    let total = |row: &Row| growth * total(row);
-    let able: Vec<&Row> = study
+    let total = |row: &StudyRow| growth * total(row);
+    let able: Vec<&StudyRow> = study
         .rows
         .iter()
         .filter(|row| row.status != Status::Diverged)

@@ -2,10 +2,10 @@
 
 use nalgebra::Point3;
 
-use super::candidates::{Candidate, Question};
-use super::distance::Distance;
+use super::candidates::{Candidate, SolverQuestion};
+use super::distance::FrameDistance;
 use super::trajectory::Trajectory;
-use crate::constraints::Order;
+use crate::constraints::SweepOrder;
 use crate::scene::{Scene, Solver, Xpbd};
 use crate::simulation::{Assets, LoadError};
 
@@ -13,14 +13,14 @@ use crate::simulation::{Assets, LoadError};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
     /// The problem that it solves.
-    pub question: Question,
+    pub question: SolverQuestion,
     /// The finest solver.
     pub candidate: Candidate,
     /// The run of the finest solver.
     pub run: Trajectory,
     /// Uncertainty of the finest level: the distance between the two finest levels, times the
     /// extrapolation factor from the last two distances.
-    pub uncertainty: Distance,
+    pub uncertainty: FrameDistance,
     /// Distance of each level from the previous one, as a root mean square [m].
     pub steps: Vec<f64>,
 }
@@ -35,17 +35,17 @@ impl Reference {
 /// The levels of refinement: each has half the step and a quarter of the tolerance. For an
 /// equilibrium each has a sixteenth of the tolerance, and every second level half the path between
 /// poses, which only matters where muscles slide over bones.
-fn level(scene: &Scene, question: Question, k: u32) -> Solver {
+fn level(scene: &Scene, question: SolverQuestion, k: u32) -> Solver {
     let tolerance = |ratio: f64| 1e-4 * libm::pow(ratio, f64::from(k));
     match question {
-        Question::Equilibrium => question.minimised(1 << (k / 2), tolerance(1.0 / 16.0)),
-        Question::Motion if has_friction(scene) => Solver::Xpbd(Xpbd {
+        SolverQuestion::Equilibrium => question.minimised(1 << (k / 2), tolerance(1.0 / 16.0)),
+        SolverQuestion::Motion if has_friction(scene) => Solver::Xpbd(Xpbd {
             substeps: scene.solver.substeps().max(16) << (k + 1),
             iterations: 1,
-            order: Order::Coloured,
+            order: SweepOrder::Coloured,
             tolerance: 0.01,
         }),
-        Question::Motion => question.minimised(1 << k, tolerance(0.25)),
+        SolverQuestion::Motion => question.minimised(1 << k, tolerance(0.25)),
     }
 }
 
@@ -73,7 +73,7 @@ fn has_friction(scene: &Scene) -> bool {
 pub fn refine(
     scene: &Scene,
     assets: &Assets,
-    (question, threads): (Question, usize),
+    (question, threads): (SolverQuestion, usize),
     mut frames: usize,
     wanted: f64,
     mut allows: impl FnMut() -> bool,
@@ -97,11 +97,11 @@ pub fn refine(
         frames = run.frames.len();
         let (apart, mut steps) = match found.take() {
             Some(before) => (
-                Distance::between(before.frames(), &run.frames),
+                FrameDistance::between(before.frames(), &run.frames),
                 before.steps,
             ),
             None => (
-                Distance {
+                FrameDistance {
                     rms: f64::INFINITY,
                     max: f64::INFINITY,
                     frame: 0,
@@ -113,7 +113,7 @@ pub fn refine(
             steps.push(apart.rms);
         }
         let still = to_come(&steps);
-        let uncertainty = Distance {
+        let uncertainty = FrameDistance {
             rms: apart.rms * still,
             max: apart.max * still,
             ..apart

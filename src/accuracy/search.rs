@@ -3,7 +3,7 @@
 
 use super::candidates::{self, Candidate};
 use super::model::{Expected, Model};
-use super::study::{Measuring, Row, Status, Study};
+use super::study::{Measuring, Status, Study, StudyRow};
 use crate::progress::Progress;
 
 /// A run is worthwhile if its expected time is at most this share of the best time so far.
@@ -16,7 +16,7 @@ const DOUBT_OF_TIME: f64 = 1.6;
 const CLOSE: f64 = 1.2;
 
 /// Error including the model error and the uncertainty of the reference [m].
-pub(super) fn total(row: &Row) -> f64 {
+pub(super) fn total(row: &StudyRow) -> f64 {
     row.error.rms + row.model_error_m + row.uncertainty_m
 }
 
@@ -59,7 +59,7 @@ pub(super) fn search(
 /// Model error of a solver plus the uncertainty of its reference [m], a lower bound of its total
 /// error. `None` without a reference.
 pub(super) fn floor(candidate: &Candidate, study: &Study) -> Option<f64> {
-    let question = candidates::Question::of(&candidate.solver)?;
+    let question = candidates::SolverQuestion::of(&candidate.solver)?;
     if question == study.question {
         return Some(study.reference.uncertainty.rms);
     }
@@ -111,7 +111,7 @@ fn next(
 }
 
 /// True if a run is within the target.
-fn keeps(row: &Row, target_m: f64) -> bool {
+fn keeps(row: &StudyRow, target_m: f64) -> bool {
     row.status != Status::Diverged && total(row) <= target_m
 }
 
@@ -128,7 +128,7 @@ fn settle(
         .filter(|row| keeps(row, target_m))
         .map(|row| row.time_s)
         .fold(f64::INFINITY, f64::min);
-    let close = |row: &Row| keeps(row, target_m) && row.time_s <= CLOSE * best;
+    let close = |row: &StudyRow| keeps(row, target_m) && row.time_s <= CLOSE * best;
     let close: Vec<usize> = (0..study.rows.len())
         .filter(|i| close(&study.rows[*i]))
         .collect();

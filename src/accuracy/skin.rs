@@ -7,11 +7,11 @@
 use std::time::{Duration, Instant};
 
 use crate::progress::Progress;
-use crate::scene::content::{SkinScene, SkinSurface, Under};
+use crate::scene::content::{SkinScene, SkinSurface, Support};
 use crate::simulation::LoadError;
 use crate::simulation::Stepped;
 use crate::simulation::skin::SkinRun;
-use crate::skin::settle::Method;
+use crate::skin::settle::SettleMethod;
 
 /// Measured edge lengths, relative to that of the scene, from coarse to fine.
 const EDGES: [f64; 7] = [
@@ -39,7 +39,7 @@ pub struct SkinRow {
     /// Median edge of the region [m].
     pub edge: f64,
     /// Method of the equilibrium.
-    pub method: Method,
+    pub method: SettleMethod,
     /// Number of vertices of both layers of all regions.
     pub vertices: usize,
     /// Number of springs.
@@ -71,7 +71,7 @@ pub struct SkinStudy {
     /// Uncertainty of the reference's gain [m^2].
     pub uncertainty: f64,
     /// Edge lengths [m] and methods that were not measured for lack of time.
-    pub left_out: Vec<(f64, Method)>,
+    pub left_out: Vec<(f64, SettleMethod)>,
     /// True if the study was interrupted.
     pub interrupted: bool,
 }
@@ -119,7 +119,7 @@ impl SkinStudy {
 }
 
 /// The scene with only its last frame, on a mesh with edges of `edge` [m].
-fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
+fn variant(scene: &SkinScene, edge: f64, method: SettleMethod) -> SkinScene {
     let mut scene = scene.clone();
     let last = scene.frames;
     if let SkinSurface::Sheet { side, cells } = &mut scene.skin.surface {
@@ -127,13 +127,13 @@ fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
     }
     scene.skin.method = Some(method);
     match &mut scene.under {
-        Under::Implants(all) => {
+        Support::Implants(all) => {
             for filled in all {
                 filled.order.edge = Some(edge);
                 filled.fill = vec![(1, filled.volume_at(last))];
             }
         }
-        Under::Ball(ball) => ball.order.edge = Some(edge),
+        Support::Ball(ball) => ball.order.edge = Some(edge),
     }
     SkinScene { frames: 1, ..scene }
 }
@@ -141,7 +141,7 @@ fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
 /// Runs a variant; `None` if it was interrupted or has no solution.
 fn insert(
     scene: SkinScene,
-    method: Method,
+    method: SettleMethod,
     progress: &dyn Progress,
 ) -> Result<Option<SkinRow>, LoadError> {
     let begun = Instant::now();
@@ -152,7 +152,7 @@ fn insert(
         return Ok(None);
     }
     let count =
-        |of: &dyn Fn(&crate::simulation::skin::Part) -> usize| run.parts.iter().map(of).sum();
+        |of: &dyn Fn(&crate::simulation::skin::SkinPart) -> usize| run.parts.iter().map(of).sum();
     let sum = |of: &dyn Fn(&crate::skin::Areas) -> f64| -> f64 {
         run.parts
             .iter()
@@ -178,7 +178,7 @@ fn insert(
 ///
 /// # Errors
 /// A scene that cannot run, or fewer than two meshes with an equilibrium.
-pub fn measure(
+pub fn measure_skin(
     scene: &SkinScene,
     budget: Duration,
     progress: &dyn Progress,
@@ -191,18 +191,25 @@ pub fn measure(
     let budget = budget.as_secs_f64();
     let mut left_out = Vec::new();
     let mut rows: Vec<SkinRow> = Vec::new();
-    for (method, share) in [(Method::Newton, FOR_REFERENCE), (Method::QuasiStatic, 1.0)] {
+    for (method, share) in [
+        (SettleMethod::Newton, FOR_REFERENCE),
+        (SettleMethod::QuasiStatic, 1.0),
+    ] {
         let mut last = None::<f64>;
         for edge in EDGES.map(|e| e * own) {
             // The first two are necessary at any cost.
-            let needed = method == Method::Newton && rows.len() < 2;
+            let needed = method == SettleMethod::Newton && rows.len() < 2;
             let late =
                 begun.elapsed().as_secs_f64() + last.map_or(0.0, |t| SLOWER * t) > share * budget;
             if progress.is_stopped() || (late && !needed) {
                 left_out.push((edge, method));
                 continue;
             }
-            progress.begin(&format!("{}, edges of {:.2} mm", name(method), edge * 1e3));
+            progress.begin(&format!(
+                "{}, edges of {:.2} mm",
+                method_name(method),
+                edge * 1e3
+            ));
             // A mesh too coarse or too fine for its region is an error; the scene itself can be
             // prepared.
             let Ok(Some(row)) = insert(variant(scene, edge, method), method, progress) else {
@@ -230,10 +237,10 @@ pub fn measure(
 }
 
 /// Name of a method in scenes.
-pub fn name(method: Method) -> &'static str {
+pub fn method_name(method: SettleMethod) -> &'static str {
     match method {
-        Method::Newton => "newton",
-        Method::QuasiStatic => "quasi_static",
+        SettleMethod::Newton => "newton",
+        SettleMethod::QuasiStatic => "quasi_static",
     }
 }
 
@@ -242,7 +249,7 @@ pub fn name(method: Method) -> &'static str {
 /// itself.
 fn reference(rows: &mut Vec<SkinRow>) -> Result<(SkinRow, f64), SkinStudyError> {
     let newton: Vec<usize> = (0..rows.len())
-        .filter(|&k| rows[k].method == Method::Newton && rows[k].converged)
+        .filter(|&k| rows[k].method == SettleMethod::Newton && rows[k].converged)
         .collect();
     let [.., second, finest] = newton[..] else {
         let why = "fewer than two meshes came to rest in the time; give more time".to_owned();
@@ -266,7 +273,7 @@ fn reference(rows: &mut Vec<SkinRow>) -> Result<(SkinRow, f64), SkinStudyError> 
 mod tests {
     use super::*;
 
-    fn row(gain: f64, method: Method, time_s: f64) -> SkinRow {
+    fn row(gain: f64, method: SettleMethod, time_s: f64) -> SkinRow {
         let (vertices, springs, steps) = (1, 1, 1);
         let (edge, deformed, volume_difference) = (1e-3, gain + 1.0, 0.0);
         SkinRow {
@@ -285,12 +292,12 @@ mod tests {
 
     #[test]
     fn the_finest_is_the_reference_and_its_doubt_follows_from_the_differences() {
-        let newton = |gain, time| row(gain, Method::Newton, time);
+        let newton = |gain, time| row(gain, SettleMethod::Newton, time);
         let mut rows = vec![
             newton(1.4, 1.0),
             newton(1.1, 3.0),
             newton(1.0, 9.0),
-            row(1.1, Method::QuasiStatic, 2.0),
+            row(1.1, SettleMethod::QuasiStatic, 2.0),
         ];
         let (found, doubt) = reference(&mut rows).expect("a reference");
         // Differences of 0.3 and 0.1: the remaining sum is 0.1/3 + 0.1/9 + ... = 0.05, less than
@@ -338,8 +345,8 @@ mod tests {
     fn one_mesh_is_no_reference() {
         assert!(
             reference(&mut vec![
-                row(1.0, Method::Newton, 1.0),
-                row(1.0, Method::QuasiStatic, 1.0)
+                row(1.0, SettleMethod::Newton, 1.0),
+                row(1.0, SettleMethod::QuasiStatic, 1.0)
             ])
             .is_err()
         );

@@ -2,9 +2,9 @@
 
 use std::time::{Duration, Instant};
 
-use super::candidates::{self, Candidate, Question};
+use super::candidates::{self, Candidate, SolverQuestion};
 use super::choice::{Recommended, pareto, recommend};
-use super::distance::Distance;
+use super::distance::FrameDistance;
 use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
 use crate::constraints::lanes::SimdWidth;
@@ -15,7 +15,7 @@ use crate::simulation::{Assets, LoadError};
 
 /// Options of a study.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct StudyOptions {
     /// Approximate total time.
     pub budget: Duration,
     /// Number of frames; `None` for the number that the budget allows.
@@ -48,13 +48,13 @@ impl Status {
 
 /// The run of a candidate.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Row {
+pub struct StudyRow {
     /// Solver and settings.
     pub candidate: Candidate,
     /// Result of the run.
     pub status: Status,
     /// Distance to the reference of the solver's problem [m].
-    pub error: Distance,
+    pub error: FrameDistance,
     /// Uncertainty of that reference, RMS [m].
     pub uncertainty_m: f64,
     /// Model error of a solver of another problem than the scene's, RMS [m].
@@ -79,11 +79,11 @@ pub struct Row {
     pub solver_iterations: u64,
 }
 
-impl Row {
+impl StudyRow {
     /// A row without measurements.
     pub fn new(candidate: Candidate, status: Status) -> Self {
         let none = f64::NAN;
-        let error = Distance {
+        let error = FrameDistance {
             rms: none,
             max: none,
             frame: 0,
@@ -123,7 +123,7 @@ pub struct Study {
     /// Displacement of the vertices in the frame with the greatest, RMS [m].
     pub moved_m: f64,
     /// Problem of the scene's own solver.
-    pub question: Question,
+    pub question: SolverQuestion,
     /// Reference of that problem.
     pub reference: Reference,
     /// Reference of the other problem, if there was time.
@@ -131,7 +131,7 @@ pub struct Study {
     /// Distance between both, RMS of the worst frame [m].
     pub model_distance_m: f64,
     /// All runs.
-    pub rows: Vec<Row>,
+    pub rows: Vec<StudyRow>,
     /// Candidates that were not measured for lack of time.
     pub left_out: Vec<Candidate>,
     /// The cheapest row for each target.
@@ -177,7 +177,7 @@ const REPEATS: usize = 3;
 pub(super) struct Measuring<'a> {
     pub(super) scene: &'a Scene,
     assets: &'a Assets,
-    pub(super) options: Options,
+    pub(super) options: StudyOptions,
     begin: Instant,
     length: f64,
     frames: usize,
@@ -191,7 +191,7 @@ pub(super) struct Measuring<'a> {
 pub fn measure(
     scene: &Scene,
     assets: &Assets,
-    options: Options,
+    options: StudyOptions,
     progress: &dyn Progress,
 ) -> Result<Study, StudyError> {
     let (mut measuring, mut study) = begin(scene, assets, options, progress)?;
@@ -205,10 +205,10 @@ pub fn measure(
 pub(super) fn begin<'a>(
     scene: &'a Scene,
     assets: &'a Assets,
-    options: Options,
+    options: StudyOptions,
     progress: &dyn Progress,
 ) -> Result<(Measuring<'a>, Study), StudyError> {
-    let question = Question::of(&scene.solver).ok_or(StudyError::NoEnergy)?;
+    let question = SolverQuestion::of(&scene.solver).ok_or(StudyError::NoEnergy)?;
     let begin = Instant::now();
     let length = assets
         .muscles
@@ -234,11 +234,11 @@ pub(super) fn begin<'a>(
         .iter()
         .flat_map(|m| m.mesh.vertices.iter().copied())
         .collect();
-    let moved_m = Distance::between(&vec![rest; measuring.frames], reference.frames()).rms;
-    let turned = if question == Question::Motion {
-        Question::Equilibrium
+    let moved_m = FrameDistance::between(&vec![rest; measuring.frames], reference.frames()).rms;
+    let turned = if question == SolverQuestion::Motion {
+        SolverQuestion::Equilibrium
     } else {
-        Question::Motion
+        SolverQuestion::Motion
     };
     let other = if measuring.interrupted {
         None
@@ -246,7 +246,7 @@ pub(super) fn begin<'a>(
         measuring.other(turned, progress)
     };
     let model_distance_m = other.as_ref().map_or(f64::NAN, |o| {
-        Distance::between(o.frames(), reference.frames()).rms
+        FrameDistance::between(o.frames(), reference.frames()).rms
     });
     let study = Study {
         scene: scene.name.clone(),
@@ -286,7 +286,7 @@ impl Measuring<'_> {
     /// frames.
     fn choose_frames(
         &mut self,
-        question: Question,
+        question: SolverQuestion,
         progress: &dyn Progress,
     ) -> Result<usize, StudyError> {
         if let Some(frames) = self.options.frames {
@@ -332,7 +332,7 @@ impl Measuring<'_> {
 
     fn reference(
         &mut self,
-        question: Question,
+        question: SolverQuestion,
         share: f64,
         progress: &dyn Progress,
     ) -> Result<Option<Reference>, StudyError> {
@@ -373,7 +373,7 @@ impl Measuring<'_> {
 
     /// The reference of the other problem; a body without attachment has motion, but no
     /// equilibrium.
-    fn other(&mut self, question: Question, progress: &dyn Progress) -> Option<Reference> {
+    fn other(&mut self, question: SolverQuestion, progress: &dyn Progress) -> Option<Reference> {
         self.reference(question, 0.3, progress).ok().flatten()
     }
 
@@ -411,8 +411,8 @@ impl Measuring<'_> {
         candidate: Candidate,
         study: &Study,
         progress: &dyn Progress,
-    ) -> Option<Row> {
-        let question = Question::of(&candidate.solver)?;
+    ) -> Option<StudyRow> {
+        let question = SolverQuestion::of(&candidate.solver)?;
         let own = question == study.question;
         let reference = if own {
             &study.reference
@@ -423,7 +423,7 @@ impl Measuring<'_> {
         if self.interrupted || (run.cut_short && !run.stopped) {
             return None;
         }
-        let error = Distance::between(reference.frames(), &run.frames);
+        let error = FrameDistance::between(reference.frames(), &run.frames);
         // Not `>`, which is false for NaN.
         let lost = run.stopped || !(error.max <= self.length);
         let status = match (lost, run.converged) {
@@ -431,7 +431,7 @@ impl Measuring<'_> {
             (false, true) => Status::Converged,
             (false, false) => Status::NotConverged,
         };
-        Some(Row {
+        Some(StudyRow {
             error,
             uncertainty_m: reference.uncertainty.rms,
             model_error_m: if own { 0.0 } else { study.model_distance_m },
@@ -444,7 +444,7 @@ impl Measuring<'_> {
             residual_m: run.residual_m,
             error_estimate_m: run.error_estimate_m,
             solver_iterations: run.iterations,
-            ..Row::new(candidate, status)
+            ..StudyRow::new(candidate, status)
         })
     }
 

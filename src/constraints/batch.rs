@@ -8,7 +8,7 @@ use super::Constraint;
 use super::blocks::Block;
 use super::kernel::SweepBlock;
 use super::lanes::SimdWidth;
-use super::order::{Order, Schedule, schedule};
+use super::order::{Schedule, SweepOrder, schedule};
 use super::projection::{Span, Sweep};
 use crate::mesh::measures::max_or_nan;
 use crate::particles::{Numbering, Packed, Particles};
@@ -87,13 +87,13 @@ pub trait Project: State + Send + Sync {
 ///
 /// ```
 /// use nalgebra::Point3;
-/// use pliant::{Batch, Distance, Order, Particles, Project};
+/// use pliant::{Batch, Distance, SweepOrder, Particles, Project};
 ///
 /// // A spring of 100 N/m and 1 m between a held point and a mass of 1 kg, pulled to a length of 2 m.
 /// let position = vec![Point3::origin(), Point3::new(2.0, 0.0, 0.0)];
 /// let mut particles = Particles::at_rest(position, vec![0.0, 1.0]);
 /// let spring = Distance { points: [0, 1], rest: 1.0 };
-/// let mut batch = Batch::new(vec![spring], vec![1.0 / 100.0], Order::Stored, 2, &[]);
+/// let mut batch = Batch::new(vec![spring], vec![1.0 / 100.0], SweepOrder::Stored, 2, &[]);
 ///
 /// // One sweep is an implicit step of 0.1 s: the elongation falls to 1 m / (1 + k dt^2 / m).
 /// batch.begin_step();
@@ -125,7 +125,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     pub fn new(
         constraints: Vec<C>,
         compliance: Vec<f64>,
-        order: Order,
+        order: SweepOrder,
         count: usize,
         loaded: &[u32],
     ) -> Self {
@@ -146,7 +146,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     pub fn numbered(
         constraints: Vec<C>,
         compliance: Vec<f64>,
-        order: Order,
+        order: SweepOrder,
         (numbering, count): (&Numbering, usize),
         loaded: &[u32],
     ) -> Self {

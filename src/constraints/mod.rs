@@ -7,45 +7,50 @@
 //! line in the list below adds a new constraint to the crate and to the conformance suite.
 
 mod angle;
-pub mod batch;
-pub mod blocks;
-pub mod enclosed_volume;
+pub(crate) mod batch;
+pub(crate) mod blocks;
+pub(crate) mod enclosed_volume;
 mod kernel;
-pub mod lanes;
-pub mod order;
-pub mod potential;
+pub(crate) mod lanes;
+pub(crate) mod order;
+pub(crate) mod potential;
 mod projection;
-pub mod quadratic;
+pub(crate) mod quadratic;
 mod rings;
 mod scalar;
-pub mod second;
-pub mod spring;
-pub mod stencil;
+pub(crate) mod second;
+pub(crate) mod spring;
+pub(crate) mod stencil;
 #[cfg(any(test, feature = "testing"))]
 mod spec;
 
-pub mod anchor;
-pub mod bending;
-pub mod distance;
-pub mod plane_contact;
-pub mod tetrahedron_volume;
-pub mod triangle_contact;
+pub(crate) mod anchor;
+pub(crate) mod bending;
+pub(crate) mod distance;
+pub(crate) mod plane_contact;
+pub(crate) mod tetrahedron_volume;
+pub(crate) mod triangle_contact;
+
+pub use bending::dihedral;
+pub use blocks::Block;
+pub use second::Second;
+pub use spring::{Arm, Between, FromPlace, Spring, SpringLaw, ToMiddle};
 
 pub use anchor::Anchor;
 pub use batch::{Batch, Project, Residual, Usage};
 pub use bending::Bending;
 pub use distance::Distance;
-pub use enclosed_volume::EnclosedVolume;
+pub use enclosed_volume::{EnclosedVolume, Unsolvable};
 pub use kernel::{Kernel, LaneConstraint};
 pub use lanes::{Lane, Several, SimdWidth};
-pub use order::Order;
+pub use order::{Schedule, SweepOrder};
 pub use plane_contact::PlaneContact;
-pub use potential::Potential;
+pub use potential::{Memory, Potential};
 pub use quadratic::Quadratic;
 pub use scalar::Scalar;
 #[cfg(any(test, feature = "testing"))]
 pub use spec::{ForEachKind, Parameter, Spec};
-pub use stencil::{Stencil, Stencils};
+pub use stencil::{Blocks, Stencil, Stencils};
 pub use tetrahedron_volume::TetrahedronVolume;
 pub use triangle_contact::TriangleContact;
 
@@ -58,7 +63,7 @@ use nalgebra::{Point3, Vector3};
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
-/// use pliant::constraints::{Batch, Constraint, Order, Project, Scalar};
+/// use pliant::constraints::{Batch, Constraint, SweepOrder, Project, Scalar};
 /// use pliant::particles::Particles;
 ///
 /// /// Height of a particle over the ground [m].
@@ -78,7 +83,7 @@ use nalgebra::{Point3, Vector3};
 /// }
 ///
 /// let mut particles = Particles::at_rest(vec![Point3::new(1.0, 2.0, 3.0)], vec![1.0]);
-/// let mut batch = Batch::new(vec![Height(0)], vec![0.0], Order::Stored, 1, &[]);
+/// let mut batch = Batch::new(vec![Height(0)], vec![0.0], SweepOrder::Stored, 1, &[]);
 /// batch.project(&mut particles, 0.01);
 /// assert_eq!(particles.position[0], Point3::new(1.0, 2.0, 0.0));
 /// ```

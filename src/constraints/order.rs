@@ -6,7 +6,7 @@ use super::blocks::{Block, in_blocks};
 
 /// Order in which a sweep visits constraints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Order {
+pub enum SweepOrder {
     /// As stored.
     Stored,
     /// Last to first.
@@ -19,7 +19,7 @@ pub enum Order {
     Coloured,
 }
 
-impl Order {
+impl SweepOrder {
     /// Every order with its name in scenes.
     pub const NAMES: [(&'static str, Self); 4] = [
         ("stored", Self::Stored),
@@ -51,22 +51,22 @@ pub struct Schedule {
     pub phases: Vec<Vec<Block>>,
 }
 
-/// Orders the constraints with the given `points` over `count` particles. [`Order::FromLoadedEnd`]
+/// Orders the constraints with the given `points` over `count` particles. [`SweepOrder::FromLoadedEnd`]
 /// starts at `loaded`.
 ///
 /// Neighbouring particles should have close indices, because blocks are ranges of indices.
 pub fn schedule<const K: usize>(
-    order: Order,
+    order: SweepOrder,
     points: &[[u32; K]],
     count: usize,
     loaded: &[u32],
 ) -> Schedule {
     let stored = 0..points.len() as u32;
     match order {
-        Order::Coloured => in_blocks(points, count),
-        Order::Stored => sequential(stored.collect(), count),
-        Order::Reversed => sequential(stored.rev().collect(), count),
-        Order::FromLoadedEnd => {
+        SweepOrder::Coloured => in_blocks(points, count),
+        SweepOrder::Stored => sequential(stored.collect(), count),
+        SweepOrder::Reversed => sequential(stored.rev().collect(), count),
+        SweepOrder::FromLoadedEnd => {
             let level = levels(points, count, loaded);
             let mut sequence: Vec<u32> = stored.collect();
             // Stable: constraints at the same distance keep their stored order.
@@ -171,7 +171,7 @@ mod tests {
             .map(|i| [0, i])
             .chain((1..200).map(|i| [i, i + 1]))
             .collect();
-        let schedule = schedule(Order::Coloured, &spokes, 201, &[]);
+        let schedule = schedule(SweepOrder::Coloured, &spokes, 201, &[]);
         let mut seen = schedule.sequence.clone();
         seen.sort_unstable();
         assert_eq!(seen, (0..spokes.len() as u32).collect::<Vec<_>>());
@@ -192,15 +192,15 @@ mod tests {
     fn from_the_loaded_end_is_by_distance() {
         let chain: Vec<[u32; 2]> = (0..5).map(|i| [i, i + 1]).collect();
         assert_eq!(
-            schedule(Order::FromLoadedEnd, &chain, 6, &[5]).sequence,
+            schedule(SweepOrder::FromLoadedEnd, &chain, 6, &[5]).sequence,
             [4, 3, 2, 1, 0]
         );
         assert_eq!(
-            schedule(Order::FromLoadedEnd, &chain, 6, &[0]).sequence,
+            schedule(SweepOrder::FromLoadedEnd, &chain, 6, &[0]).sequence,
             [0, 1, 2, 3, 4]
         );
         assert_eq!(
-            schedule(Order::Reversed, &chain, 6, &[]).sequence,
+            schedule(SweepOrder::Reversed, &chain, 6, &[]).sequence,
             [4, 3, 2, 1, 0]
         );
     }

@@ -8,7 +8,7 @@ use super::stencil::{Blocks, Stencil, Stencils};
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
-/// use pliant::constraints::spring::{Between, Spring, SpringLaw};
+/// use pliant::constraints::{Between, Spring, SpringLaw};
 /// use pliant::constraints::{Potential, Stencils};
 ///
 /// /// A spring without rest length whose tension grows with the cube of its length, 1 N at 1 m.

@@ -16,7 +16,7 @@ pub type Blocks<const K: usize> = [[Matrix3<f64>; K]; K];
 ///
 /// ```
 /// use nalgebra::{Matrix3, Point3, Vector3};
-/// use pliant::constraints::stencil::Blocks;
+/// use pliant::constraints::Blocks;
 /// use pliant::constraints::{Potential, Stencil, Stencils};
 ///
 /// /// A spring of 2 N/m that pulls a vertex down to the ground.

@@ -9,7 +9,7 @@
 //!
 //! use nalgebra::{Isometry3, Point3, Vector3};
 //! use pliant::mesh::shapes::box_surface;
-//! use pliant::solvers::Settings;
+//! use pliant::solvers::StepSettings;
 //! use pliant::{Contacts, Particles, PosedObstacle, Surface, System, TriangleMesh};
 //!
 //! // A bone with its top at z = 0, at rest.
@@ -42,26 +42,32 @@
 
 #[cfg(feature = "contact")]
 pub mod broad_phase;
-pub mod capsule;
+pub(crate) mod capsule;
 mod faces;
 mod nearest;
 #[cfg(feature = "contact")]
-pub mod penetration_response;
+pub(crate) mod penetration_response;
 mod plane;
 #[cfg(feature = "contact")]
 mod response;
 #[cfg(not(feature = "contact"))]
 #[path = "absent.rs"]
 mod response;
-pub mod smooth;
+pub(crate) mod smooth;
 #[cfg(feature = "contact")]
-pub mod surface;
+pub(crate) mod surface;
 #[cfg(feature = "contact")]
 mod triangles;
 #[cfg(feature = "contact")]
-pub mod untangle;
+pub(crate) mod untangle;
 #[cfg(feature = "contact")]
 mod vertices;
+pub use smooth::{Smooth, SmoothDistance};
+
+#[cfg(feature = "contact")]
+pub use penetration_response::{Length, PenetrationResponse};
+#[cfg(feature = "contact")]
+pub use untangle::{Untangled, untangle};
 
 use std::sync::Arc;
 

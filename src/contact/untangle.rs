@@ -5,7 +5,8 @@ use nalgebra::Isometry3;
 use super::response::Contacts;
 use super::{Obstacle, PosedObstacle, Projection, surface::Surface};
 use crate::constraints::{
-    Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order,
+    Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance,
+    order::SweepOrder,
 };
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::{max_or_nan, median};
@@ -152,14 +153,14 @@ impl Shape {
             stretch: Batch::new(
                 edges.clone(),
                 vec![1.0; edges.len()],
-                Order::Coloured,
+                SweepOrder::Coloured,
                 count,
                 &[],
             ),
             bending: Batch::new(
                 hinges.clone(),
                 vec![8.0 / soft.max(f64::MIN_POSITIVE); hinges.len()],
-                Order::Coloured,
+                SweepOrder::Coloured,
                 count,
                 &[],
             ),

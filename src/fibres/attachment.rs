@@ -18,14 +18,14 @@ const SAMPLES: usize = 1_500;
 
 /// One of the two areas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub enum MuscleEnd {
     /// Where fibres begin.
     Origin,
     /// Where fibres end.
     Insertion,
 }
 
-impl std::fmt::Display for End {
+impl std::fmt::Display for MuscleEnd {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Origin => "origin",
@@ -79,7 +79,7 @@ pub enum AttachmentError {
     #[error("the area of the {end} is empty; give a patch with triangles, or at least one vertex")]
     Empty {
         /// Which area.
-        end: End,
+        end: MuscleEnd,
     },
     /// No vertex is near the bone.
     #[error(
@@ -88,7 +88,7 @@ pub enum AttachmentError {
     )]
     NothingNear {
         /// Which area.
-        end: End,
+        end: MuscleEnd,
         /// The given distance [m].
         within: f64,
         /// The vertex nearest to the bone.
@@ -100,7 +100,7 @@ pub enum AttachmentError {
     #[error("the {end} names vertex {vertex}, but the muscle has {count} vertices, counted from 0")]
     NoSuchVertex {
         /// Which area.
-        end: End,
+        end: MuscleEnd,
         /// The listed vertex.
         vertex: u32,
         /// Number of vertices of the muscle.
@@ -114,7 +114,7 @@ pub enum AttachmentError {
     )]
     OffSurface {
         /// Which area.
-        end: End,
+        end: MuscleEnd,
         /// Distance of the nearest point of the patch [m].
         distance: f64,
         /// The nearest point of the patch [m].
@@ -161,8 +161,8 @@ impl Attachment {
         insertion: AreaSource<'_>,
     ) -> Result<Self, AttachmentError> {
         let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
-        let origin = project(muscle, &tree, End::Origin, origin)?;
-        let insertion = project(muscle, &tree, End::Insertion, insertion)?;
+        let origin = project(muscle, &tree, MuscleEnd::Origin, origin)?;
+        let insertion = project(muscle, &tree, MuscleEnd::Insertion, insertion)?;
         let mut both = origin
             .vertices
             .iter()
@@ -182,7 +182,7 @@ impl Attachment {
 fn project(
     muscle: &TriangleMesh,
     tree: &SurfaceTree,
-    end: End,
+    end: MuscleEnd,
     source: AreaSource<'_>,
 ) -> Result<Area, AttachmentError> {
     if muscle.triangles.is_empty() {
@@ -209,7 +209,7 @@ fn project(
 fn from_patch(
     muscle: &TriangleMesh,
     tree: &SurfaceTree,
-    end: End,
+    end: MuscleEnd,
     patch: &TriangleMesh,
 ) -> Result<Area, AttachmentError> {
     let length = muscle.length();
@@ -299,7 +299,7 @@ fn of_triangles(muscle: &TriangleMesh, mut triangles: Vec<u32>) -> Area {
     }
 }
 
-fn from_list(muscle: &TriangleMesh, end: End, list: &[u32]) -> Result<Area, AttachmentError> {
+fn from_list(muscle: &TriangleMesh, end: MuscleEnd, list: &[u32]) -> Result<Area, AttachmentError> {
     let count = muscle.vertices.len();
     if let Some(&vertex) = list.iter().find(|v| **v as usize >= count) {
         return Err(AttachmentError::NoSuchVertex { end, vertex, count });
@@ -332,7 +332,7 @@ fn from_list(muscle: &TriangleMesh, end: End, list: &[u32]) -> Result<Area, Atta
 
 fn near(
     muscle: &TriangleMesh,
-    end: End,
+    end: MuscleEnd,
     bone: &TriangleMesh,
     within: f64,
 ) -> Result<Vec<u32>, AttachmentError> {

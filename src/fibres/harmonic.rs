@@ -6,13 +6,16 @@
 //! elongated muscles as in any other. Each further fibre goes through the point farthest from all
 //! earlier fibres ([`seeds`]).
 
-pub mod cells;
-pub mod directions;
-pub mod field;
-pub mod jacobian;
+pub(crate) mod cells;
+pub(crate) mod directions;
+pub(crate) mod field;
+pub(crate) mod jacobian;
 mod reseed;
-pub mod seeds;
-pub mod trace;
+pub(crate) mod seeds;
+pub(crate) mod trace;
+pub use cells::Cells;
+pub use field::{Field, FieldError, Flux, Sample};
+pub use trace::HalfStreamline;
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -23,10 +26,8 @@ use super::solid::{Closed, Solid};
 use crate::mesh::{TriangleMesh, measures};
 use crate::progress::{Progress, Silent};
 use crate::solvers::sparse::FactorError;
-use cells::Cells;
-use field::{Field, FieldError, Flux};
 use seeds::Seeds;
-use trace::{HalfStreamline, Tracer};
+use trace::Tracer;
 
 /// Number of cells in the volume of the muscle: the least number, and the number per vertex.
 const CELLS: f64 = 2_000.0;
@@ -53,14 +54,14 @@ const SOONEST: usize = 50;
 
 /// Number of fibres and of their points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
+pub struct HarmonicOptions {
     /// Number of fibres.
     pub count: usize,
     /// Number of points per fibre, at least 2.
     pub points: usize,
 }
 
-impl Default for Options {
+impl Default for HarmonicOptions {
     fn default() -> Self {
         Self {
             count: 100,
@@ -139,7 +140,7 @@ pub struct Decomposition {
 pub fn decompose(
     muscle: &TriangleMesh,
     attachment: &Attachment,
-    options: Options,
+    options: HarmonicOptions,
 ) -> Result<Decomposition, DecompositionError> {
     decompose_along(muscle, attachment, &[], options)
 }
@@ -152,7 +153,7 @@ pub fn decompose_along(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     lines: &[Vec<Point3<f64>>],
-    options: Options,
+    options: HarmonicOptions,
 ) -> Result<Decomposition, DecompositionError> {
     decompose_with(muscle, attachment, lines, options, &Silent)
 }
@@ -165,10 +166,10 @@ pub fn decompose_with(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     lines: &[Vec<Point3<f64>>],
-    options: Options,
+    options: HarmonicOptions,
     progress: &dyn Progress,
 ) -> Result<Decomposition, DecompositionError> {
-    let Options { count, points } = options;
+    let HarmonicOptions { count, points } = options;
     if count == 0 || points < 2 {
         return Err(DecompositionError::TooFew { count, points });
     }
@@ -209,7 +210,7 @@ struct Task<'a> {
     muscle: &'a TriangleMesh,
     attachment: &'a Attachment,
     lines: &'a [Vec<Point3<f64>>],
-    options: Options,
+    options: HarmonicOptions,
     solid: &'a Solid<'a>,
     /// Volume of the muscle [m3].
     volume: f64,

@@ -5,21 +5,21 @@ use std::sync::Arc;
 use nalgebra::Point3;
 
 use super::attachment::Attachment;
-use super::harmonic::{self, Decomposition, DecompositionError, Options};
+use super::harmonic::{self, Decomposition, DecompositionError, HarmonicOptions};
 use super::slices::{self, SlicesError};
 use super::smooth::{Smoothing, smooth};
 use super::solid::Closed;
 use super::springs::{self, SpringsError};
 use super::template::{Grid, Template};
 use crate::mesh::TriangleMesh;
-use crate::progress::{Progress, Silent};
+use crate::progress::Progress;
 
 /// Number of point moves in smoothing between two checks for cancellation.
 const MOVES: usize = 200_000;
 
 /// A method of decomposition.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Method<'a> {
+pub enum FibreMethod<'a> {
     /// Streamlines of a harmonic field between the areas.
     Harmonic,
     /// Directions of lines on the surface [m] ([`super::superficial::register`]), interpolated to
@@ -47,7 +47,7 @@ pub enum MethodError {
 
 /// The source of the fibres before smoothing.
 #[derive(Clone, Debug)]
-pub enum Source {
+pub enum FibreSource {
     /// The flow; the fibres are its streamlines.
     Flow(Box<Decomposition>),
     /// The grid; the fibres are its lines.
@@ -62,66 +62,53 @@ pub struct Fibres {
     /// The surface that bounds the inside.
     pub closed: Arc<Closed>,
     /// The source of the fibres.
-    pub source: Source,
+    pub source: FibreSource,
 }
 
-/// Decomposes a muscle.
+/// Decomposes a muscle by a method. The progress can stop the harmonic methods; springs and slices
+/// run to their end.
 ///
 /// # Errors
-/// Those of the method: [`DecompositionError`], [`SpringsError`], [`SlicesError`].
-pub fn decompose(
+/// Those of the method: [`DecompositionError`], [`SpringsError`], [`SlicesError`];
+/// [`DecompositionError::Stopped`] if the progress stopped it.
+pub fn decompose_by(
     muscle: &TriangleMesh,
     attachment: &Attachment,
-    method: Method<'_>,
-    options: Options,
-    smoothing: Smoothing,
-) -> Result<Fibres, MethodError> {
-    decompose_with(muscle, attachment, method, options, smoothing, &Silent)
-}
-
-/// The same as [`decompose`]; stops when `going` returns `false`. Springs and slices run to their
-/// end.
-///
-/// # Errors
-/// As [`decompose`], or [`DecompositionError::Stopped`].
-pub fn decompose_with(
-    muscle: &TriangleMesh,
-    attachment: &Attachment,
-    method: Method<'_>,
-    options: Options,
+    method: FibreMethod<'_>,
+    options: HarmonicOptions,
     smoothing: Smoothing,
     progress: &dyn Progress,
 ) -> Result<Fibres, MethodError> {
-    let Options { count, points } = options;
+    let HarmonicOptions { count, points } = options;
     let mut made = match method {
-        Method::Harmonic => Fibres::of(harmonic::decompose_with(
+        FibreMethod::Harmonic => Fibres::of(harmonic::decompose_with(
             muscle,
             attachment,
             &[],
             options,
             progress,
         )?),
-        Method::Superficial(lines) => Fibres::of(harmonic::decompose_with(
+        FibreMethod::Superficial(lines) => Fibres::of(harmonic::decompose_with(
             muscle, attachment, lines, options, progress,
         )?),
-        Method::Springs(template) => {
-            let options = springs::Options {
+        FibreMethod::Springs(template) => {
+            let options = springs::SpringOptions {
                 count,
                 points,
-                ..springs::Options::default()
+                ..springs::SpringOptions::default()
             };
             Fibres::of_grid(
                 muscle,
                 springs::grid(muscle, attachment, template, options)?,
             )
         }
-        Method::Slices(template) => Fibres::of_grid(
+        FibreMethod::Slices(template) => Fibres::of_grid(
             muscle,
             slices::grid(
                 muscle,
                 attachment,
                 template,
-                slices::Options { count, points },
+                slices::SliceOptions { count, points },
             )?,
         ),
     };
@@ -149,7 +136,7 @@ impl Fibres {
         Self {
             lines: std::mem::take(&mut flow.fibres),
             closed: flow.closed.clone(),
-            source: Source::Flow(Box::new(flow)),
+            source: FibreSource::Flow(Box::new(flow)),
         }
     }
 
@@ -157,7 +144,7 @@ impl Fibres {
         Self {
             lines: grid.fibres(),
             closed: Arc::new(Closed::new(muscle)),
-            source: Source::Grid(grid),
+            source: FibreSource::Grid(grid),
         }
     }
 
@@ -165,8 +152,8 @@ impl Fibres {
     /// For a grid: the scaled Jacobian at every corner of every cell.
     pub fn jacobian(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<f64> {
         match &self.source {
-            Source::Flow(flow) => flow.jacobian(muscle, attachment),
-            Source::Grid(grid) => grid.jacobian(),
+            FibreSource::Flow(flow) => flow.jacobian(muscle, attachment),
+            FibreSource::Grid(grid) => grid.jacobian(),
         }
     }
 }

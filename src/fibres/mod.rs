@@ -1,18 +1,28 @@
 //! Fibres of a muscle: decomposition of a muscle into fibres, and the anisotropic stiffness along
 //! them.
 
-pub mod anisotropy;
-pub mod attachment;
-pub mod binding;
-pub mod carry;
-pub mod fibre_measures;
+pub(crate) mod anisotropy;
+pub(crate) mod attachment;
+pub(crate) mod binding;
+pub(crate) mod carry;
+pub(crate) mod fibre_measures;
 pub mod harmonic;
-pub mod method;
-pub mod polyline;
+pub(crate) mod method;
+pub(crate) mod polyline;
 pub mod quality;
 pub mod slices;
-pub mod smooth;
-pub mod solid;
+pub(crate) mod smooth;
+pub(crate) mod solid;
 pub mod springs;
-pub mod superficial;
-pub mod template;
+pub(crate) mod superficial;
+pub(crate) mod template;
+
+pub use attachment::{Area, AreaSource, Attachment, AttachmentError, MuscleEnd};
+pub use binding::BoundLines;
+pub use fibre_measures::{FibreMeasures, Tendon, action, measure_fibres};
+pub use method::{FibreMethod, FibreSource, Fibres, MethodError, decompose_by};
+pub use polyline::length;
+pub use smooth::Smoothing;
+pub use solid::{Closed, Solid, Wall, WallRow};
+pub use superficial::{LinesError, RegisteredLines, register};
+pub use template::{Grid, Sampling, Template};

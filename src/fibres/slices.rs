@@ -12,8 +12,11 @@
 //! the limits of the method: all fibres meet in a point where the muscle ends in a point, fibre
 //! ends can be off the areas, and points of non-convex contours can lie outside or out of order.
 
-pub mod contour;
-pub mod coordinates;
+pub(crate) mod contour;
+pub(crate) mod coordinates;
+
+pub use contour::Slicer;
+pub use coordinates::{Outline, on_square};
 
 use std::collections::BTreeMap;
 
@@ -22,18 +25,17 @@ use nalgebra::{Matrix2, Point2, Point3, Vector2, Vector3};
 use super::attachment::{Area, Attachment};
 use super::template::{Grid, Sampling, Template};
 use crate::mesh::TriangleMesh;
-use contour::Slicer;
 
 /// Number of fibres and of their points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
+pub struct SliceOptions {
     /// Number of fibres; see [`Sampling::new`] for numbers without a grid.
     pub count: usize,
     /// Number of points per fibre, at least 2.
     pub points: usize,
 }
 
-impl Default for Options {
+impl Default for SliceOptions {
     fn default() -> Self {
         Self {
             count: 100,
@@ -98,7 +100,7 @@ pub fn decompose(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     template: Template,
-    options: Options,
+    options: SliceOptions,
 ) -> Result<Vec<Vec<Point3<f64>>>, SlicesError> {
     Ok(grid(muscle, attachment, template, options)?.fibres())
 }
@@ -111,9 +113,9 @@ pub fn grid(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     template: Template,
-    options: Options,
+    options: SliceOptions,
 ) -> Result<Grid, SlicesError> {
-    let Options { count, points } = options;
+    let SliceOptions { count, points } = options;
     let sampling = Sampling::new(count, points).ok_or(SlicesError::TooFew { count, points })?;
     let shape = sampling.positions(template);
     let mean = |list: &[u32]| {

@@ -4,8 +4,8 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::inside::{Inside, Line};
-use crate::mesh::repair::{LONGEST_RIM, Options, repair};
+use crate::mesh::inside::{Inside, ParityLine};
+use crate::mesh::repair::{LONGEST_RIM, RepairOptions, repair};
 use crate::mesh::winding::WindingTree;
 use crate::mesh::{Topology, TriangleMesh};
 
@@ -37,9 +37,9 @@ impl Closed {
                 open: None,
             };
         }
-        let options = Options {
+        let options = RepairOptions {
             close_holes: LONGEST_RIM,
-            ..Options::default()
+            ..RepairOptions::default()
         };
         let mesh = repair(muscle, &[], &options).mesh;
         let open = (!fit(&mesh)).then(|| WindingTree::new(&mesh));
@@ -88,8 +88,8 @@ impl Solid<'_> {
     }
 
     /// The line along x at `y`, `z` [m], for tests of many points on it.
-    pub fn row(&self, y: f64, z: f64) -> Row<'_> {
-        Row {
+    pub fn row(&self, y: f64, z: f64) -> WallRow<'_> {
+        WallRow {
             solid: self,
             line: self.closed.open.is_none().then(|| self.inside.line(y, z)),
             y,
@@ -129,14 +129,14 @@ impl Solid<'_> {
 
 /// Inside and outside test along a line.
 #[derive(Debug)]
-pub struct Row<'a> {
+pub struct WallRow<'a> {
     solid: &'a Solid<'a>,
-    line: Option<Line<'a>>,
+    line: Option<ParityLine<'a>>,
     y: f64,
     z: f64,
 }
 
-impl Row<'_> {
+impl WallRow<'_> {
     /// [`Solid::contains`] of the point of the line at `x` [m].
     pub fn contains(&self, x: f64) -> bool {
         match &self.line {

@@ -9,13 +9,15 @@
 //!
 //! Inner points can leave a bent muscle, and the grid can fold; [`super::quality`] measures both.
 
-pub mod network;
-pub mod placing;
-pub mod rings;
+pub(crate) mod network;
+pub(crate) mod placing;
+pub(crate) mod rings;
+
+pub use network::{Spring, rest, springs};
 
 use nalgebra::Point3;
 
-use super::attachment::{Attachment, End};
+use super::attachment::{Attachment, MuscleEnd};
 use super::template::{Grid, Sampling, Template};
 use crate::mesh::TriangleMesh;
 use crate::morph::sphere::SphereError;
@@ -23,7 +25,7 @@ use crate::solvers::sparse::FactorError;
 
 /// Number of fibres and of their points, and rest length of the springs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
+pub struct SpringOptions {
     /// Number of fibres; see [`Sampling::new`] for numbers without a grid.
     pub count: usize,
     /// Number of points per fibre, at least 2.
@@ -34,7 +36,7 @@ pub struct Options {
     pub side: f64,
 }
 
-impl Default for Options {
+impl Default for SpringOptions {
     fn default() -> Self {
         Self {
             count: 100,
@@ -77,7 +79,7 @@ pub enum SpringsError {
     #[error("the area of the {end} is the whole surface; make it smaller")]
     WholeSurface {
         /// Which area.
-        end: End,
+        end: MuscleEnd,
     },
     /// The centres of both areas coincide on the sphere.
     #[error(
@@ -117,7 +119,7 @@ pub fn decompose(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     template: Template,
-    options: Options,
+    options: SpringOptions,
 ) -> Result<Vec<Vec<Point3<f64>>>, SpringsError> {
     Ok(grid(muscle, attachment, template, options)?.fibres())
 }
@@ -131,9 +133,9 @@ pub fn grid(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     template: Template,
-    options: Options,
+    options: SpringOptions,
 ) -> Result<Grid, SpringsError> {
-    let Options {
+    let SpringOptions {
         count,
         points,
         side,

@@ -13,7 +13,7 @@ pub const FARTHEST: f64 = 0.05;
 
 /// Lines on a muscle's surface.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Registered {
+pub struct RegisteredLines {
     /// The lines on the surface [m].
     pub lines: Vec<Vec<Point3<f64>>>,
     /// Greatest distance of a point to the surface before the registration [m].
@@ -50,9 +50,9 @@ pub enum LinesError {
 pub fn register(
     muscle: &TriangleMesh,
     lines: &[Vec<Point3<f64>>],
-) -> Result<Registered, LinesError> {
+) -> Result<RegisteredLines, LinesError> {
     let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
-    let mut all = Registered::default();
+    let mut all = RegisteredLines::default();
     for (k, line) in lines
         .iter()
         .enumerate()

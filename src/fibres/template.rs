@@ -9,7 +9,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::TriangleMesh;
-use crate::springs::lattice::Shape;
+use crate::springs::lattice::LatticeShape;
 
 /// Arrangement of the fibres between origin and insertion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -152,8 +152,8 @@ impl Sampling {
     }
 
     /// The grid as a lattice, for its patterns of springs.
-    pub fn shape(&self) -> Shape {
-        Shape {
+    pub fn shape(&self) -> LatticeShape {
+        LatticeShape {
             points: self.points,
             origin: [0.0; 3],
             spacing: self.points.map(|n| 1.0 / (n - 1) as f64),

@@ -23,7 +23,7 @@ pub enum Caps {
 
 /// Parameters of a chain at rest.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shape {
+pub struct ChainShape {
     /// Radii of the nodes at rest, from one end to the other \[m\].
     pub radii: Vec<f64>,
     /// Growth multiplier of each node, at least 0; the radius of a node with multiplier 0 is
@@ -87,7 +87,7 @@ pub enum ChainError {
 /// A chain at its present length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {
-    rest: Shape,
+    rest: ChainShape,
     /// Coefficients of the sum of the squares in s: A, B and C.
     square: [f64; 3],
     /// The smallest change s without a negative radius, and the node that limits it.
@@ -109,7 +109,7 @@ fn paired(a: &[f64], b: &[f64]) -> f64 {
         .sum()
 }
 
-impl Shape {
+impl ChainShape {
     fn check(&self) -> Result<(), ChainError> {
         let Self {
             radii,
@@ -171,7 +171,7 @@ impl Chain {
     ///
     /// # Errors
     /// An invalid shape: see [`ChainError`].
-    pub fn new(rest: Shape) -> Result<Self, ChainError> {
+    pub fn new(rest: ChainShape) -> Result<Self, ChainError> {
         rest.check()?;
         let square = [
             paired(&rest.growth, &rest.growth),
@@ -200,7 +200,7 @@ impl Chain {
     }
 
     /// The parameters at rest.
-    pub fn rest(&self) -> &Shape {
+    pub fn rest(&self) -> &ChainShape {
         &self.rest
     }
 

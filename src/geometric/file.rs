@@ -15,12 +15,12 @@
 
 use serde::Deserialize;
 
-use super::chain::{Caps, Chain, ChainError, Shape};
+use super::chain::{Caps, Chain, ChainError, ChainShape};
 use super::frame::{Frame, FrameError};
 
 /// A muscle on its frame, with its range of lengths.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Muscle {
+pub struct GeometricMuscle {
     /// The chain at rest.
     pub chain: Chain,
     /// The bars; `None` without a frame.
@@ -113,7 +113,7 @@ fn place(text: &str, at: usize) -> (usize, usize) {
 ///
 /// # Errors
 /// An invalid text or value: names line and column or the key, and what is allowed.
-pub fn parse(text: &str) -> Result<Muscle, FileError> {
+pub fn parse(text: &str) -> Result<GeometricMuscle, FileError> {
     let keys: Keys = toml::from_str(text).map_err(|error| {
         let (line, column) = place(text, error.span().map_or(0, |s| s.start));
         FileError::Text {
@@ -153,7 +153,7 @@ pub fn parse(text: &str) -> Result<Muscle, FileError> {
         CapsKey::In => Caps::In,
     };
     let radii = keys.radii.iter().map(|r| r * unit).collect();
-    let shape = Shape {
+    let shape = ChainShape {
         radii,
         growth: keys.grow_mults,
         length: keys.length * unit,
@@ -174,7 +174,7 @@ pub fn parse(text: &str) -> Result<Muscle, FileError> {
         range = [range[0].max(least), range[1].min(most)];
     }
     range[1] = range[1].min(chain.longest());
-    Ok(Muscle {
+    Ok(GeometricMuscle {
         chain,
         frame,
         range,

@@ -3,13 +3,15 @@
 //! [`chain`] solves for the radii in closed form from the state at rest. [`frame`] places the bars
 //! by the law of cosines. [`surface`] makes a mesh. [`file`](mod@file) reads a muscle from a file.
 
-pub mod chain;
+pub(crate) mod chain;
 #[cfg(feature = "scene")]
 pub mod file;
-pub mod frame;
+pub(crate) mod frame;
 #[cfg(feature = "scene")]
 pub mod pose;
-pub mod surface;
+pub(crate) mod surface;
 
-pub use chain::{Caps, Chain, ChainError, Shape};
+pub use surface::{Fineness, surface};
+
+pub use chain::{Caps, Chain, ChainError, ChainShape};
 pub use frame::{Frame, FrameError, Placed};

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::file::Muscle;
+use super::file::GeometricMuscle;
 use super::surface::{Fineness, surface};
 use crate::mesh::TriangleMesh;
 
@@ -25,7 +25,7 @@ pub struct Pose {
 
 impl Pose {
     /// The pose of the muscle at its present length.
-    pub fn of(muscle: &Muscle) -> Self {
+    pub fn of(muscle: &GeometricMuscle) -> Self {
         let chain = &muscle.chain;
         // The frame has a place for every length in the muscle's range.
         let placed = muscle
@@ -48,7 +48,7 @@ impl Pose {
 
 /// The length at picture `k` of a cycle of `count` pictures: from rest to the longest, to the
 /// shortest and back [m].
-pub fn length_at(muscle: &Muscle, k: u32, count: u32) -> f64 {
+pub fn length_at(muscle: &GeometricMuscle, k: u32, count: u32) -> f64 {
     let ([least, most], rest) = (muscle.range, muscle.chain.rest().length);
     let s = libm::sin(2.0 * std::f64::consts::PI * f64::from(k) / f64::from(count));
     let length = if s >= 0.0 {
@@ -60,12 +60,12 @@ pub fn length_at(muscle: &Muscle, k: u32, count: u32) -> f64 {
 }
 
 /// Poses from rest to the longest, to the shortest and back.
-pub fn cycle(muscle: &Muscle, count: u32) -> Vec<Pose> {
+pub fn cycle(muscle: &GeometricMuscle, count: u32) -> Vec<Pose> {
     at(muscle, (0..count).map(|k| length_at(muscle, k, count)))
 }
 
 /// Poses at given lengths \[m\], each clamped to the range of the muscle.
-pub fn at(muscle: &Muscle, lengths: impl Iterator<Item = f64>) -> Vec<Pose> {
+pub fn at(muscle: &GeometricMuscle, lengths: impl Iterator<Item = f64>) -> Vec<Pose> {
     let mut muscle = muscle.clone();
     let [least, most] = muscle.range;
     let of_length = |length: f64| {

@@ -1,6 +1,6 @@
 //! A position in the bytes of a file with its line number, for readers of text and of binary data.
 
-use super::error::{A_NUMBER, Place, Problem, ReadError, quote};
+use super::error::{A_NUMBER, FilePlace, ReadError, ReadProblem, quote};
 
 /// Greatest line length of formats that are read by lines [bytes]: enough for a million corners,
 /// too little for a damaged file.
@@ -90,14 +90,14 @@ impl<'a> Cursor<'a> {
         };
         let (bytes, limit) = (line.len(), MAX_LINE_BYTES);
         if bytes > limit {
-            return Err(self.fail(Problem::LineTooLong { bytes, limit }, line));
+            return Err(self.fail(ReadProblem::LineTooLong { bytes, limit }, line));
         }
         // Much faster than a search for the position, which hardly any file needs.
         if !line.contains(&0) {
             return Ok(Some(line));
         }
         let at = line.iter().position(|&b| b == 0).unwrap_or(0);
-        Err(self.fail(Problem::NulByte, &line[at..]))
+        Err(self.fail(ReadProblem::NulByte, &line[at..]))
     }
 
     /// The next word between white space; `None` at the end of the file.
@@ -151,7 +151,7 @@ impl<'a> Cursor<'a> {
                 self.position += count;
                 Ok(bytes)
             }
-            None => Err(self.fail(Problem::Truncated { what }, b"")),
+            None => Err(self.fail(ReadProblem::Truncated { what }, b"")),
         }
     }
 
@@ -161,22 +161,27 @@ impl<'a> Cursor<'a> {
     }
 
     /// Place of the last item.
-    pub(crate) fn place(&self) -> Place {
+    pub(crate) fn place(&self) -> FilePlace {
         if self.binary {
-            Place::Offset(self.mark)
+            FilePlace::Offset(self.mark)
         } else {
-            Place::Line(self.mark_line)
+            FilePlace::Line(self.mark_line)
         }
     }
 
     /// An error at the last item.
-    pub(crate) fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
+    pub(crate) fn fail(&self, problem: ReadProblem, found: &[u8]) -> ReadError {
         self.fail_at(self.place(), problem, found)
     }
 
     /// An error at a place.
-    pub(crate) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
-        let column = if matches!(place, Place::Line(_)) {
+    pub(crate) fn fail_at(
+        &self,
+        place: FilePlace,
+        problem: ReadProblem,
+        found: &[u8],
+    ) -> ReadError {
+        let column = if matches!(place, FilePlace::Line(_)) {
             self.column(found)
         } else {
             None
@@ -198,22 +203,22 @@ impl<'a> Cursor<'a> {
         &self,
         offset: usize,
         text: bool,
-        problem: Problem,
+        problem: ReadProblem,
         found: &[u8],
     ) -> ReadError {
         self.fail_at(self.place_of(offset, text), problem, found)
     }
 
     /// The place of an offset of text or, where `text` is false, of binary data.
-    pub(crate) fn place_of(&self, offset: usize, text: bool) -> Place {
+    pub(crate) fn place_of(&self, offset: usize, text: bool) -> FilePlace {
         if !text {
-            return Place::Offset(offset);
+            return FilePlace::Offset(offset);
         }
         let mut ahead = Cursor::new(self.name, &self.bytes[..offset.min(self.bytes.len())]);
         while ahead.position < ahead.bytes.len() {
             ahead.step();
         }
-        Place::Line(ahead.line)
+        FilePlace::Line(ahead.line)
     }
 
     /// Offset of a part of the file; `None` for bytes outside the file.
@@ -242,20 +247,20 @@ impl<'a> Cursor<'a> {
 }
 
 /// A coordinate of vertex `vertex` in a text; rejects NaN, infinities and overflow.
-pub(crate) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
+pub(crate) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, ReadProblem> {
     let value = number(token)?;
     if value.is_infinite() && beyond_double(token, value) {
-        return Err(Problem::Overflow { vertex });
+        return Err(ReadProblem::Overflow { vertex });
     }
     finite(value, vertex)
 }
 
 /// Rejects NaN and infinities.
-pub(crate) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
+pub(crate) fn finite(value: f64, vertex: usize) -> Result<f64, ReadProblem> {
     if value.is_finite() {
         Ok(value)
     } else {
-        Err(Problem::NotFinite { vertex })
+        Err(ReadProblem::NotFinite { vertex })
     }
 }
 
@@ -266,18 +271,18 @@ pub(crate) fn beyond_double(token: &[u8], value: f64) -> bool {
 }
 
 /// A real number in a text.
-pub(crate) fn number(token: &[u8]) -> Result<f64, Problem> {
-    let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: A_NUMBER })?;
+pub(crate) fn number(token: &[u8]) -> Result<f64, ReadProblem> {
+    let text = std::str::from_utf8(token).map_err(|_| ReadProblem::Expected { what: A_NUMBER })?;
     text.parse()
         .map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
-            _ if token.contains(&0) => Problem::NulByte,
-            Ok(_) => Problem::DecimalComma,
-            Err(_) => Problem::Expected { what: A_NUMBER },
+            _ if token.contains(&0) => ReadProblem::NulByte,
+            Ok(_) => ReadProblem::DecimalComma,
+            Err(_) => ReadProblem::Expected { what: A_NUMBER },
         })
 }
 
 /// An integer in a text; an integer beyond 64 bits is an error, never wrapped.
-pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
+pub(crate) fn integer(token: &[u8]) -> Result<i64, ReadProblem> {
     // Nearly all integers are short and have no sign; eighteen digits stay below 2^63.
     if (1..=18).contains(&token.len()) && token.iter().all(u8::is_ascii_digit) {
         return Ok(token.iter().fold(0, |n, b| 10 * n + i64::from(b - b'0')));
@@ -290,9 +295,9 @@ pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
             .unwrap_or(token);
         match digits {
             // The only possible defect is the number of digits.
-            [_, ..] if digits.iter().all(u8::is_ascii_digit) => Problem::IntegerTooLarge,
-            _ if digits.contains(&0) => Problem::NulByte,
-            _ => Problem::Expected {
+            [_, ..] if digits.iter().all(u8::is_ascii_digit) => ReadProblem::IntegerTooLarge,
+            _ if digits.contains(&0) => ReadProblem::NulByte,
+            _ => ReadProblem::Expected {
                 what: "a whole number",
             },
         }
@@ -300,11 +305,11 @@ pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
 }
 
 /// A non-negative count in a text; `what` describes the expected item in the error.
-pub(crate) fn count(token: &[u8], what: &'static str) -> Result<u64, Problem> {
+pub(crate) fn count(token: &[u8], what: &'static str) -> Result<u64, ReadProblem> {
     match integer(token) {
-        Ok(count) => u64::try_from(count).map_err(|_| Problem::Expected { what }),
-        Err(Problem::IntegerTooLarge) => Err(Problem::IntegerTooLarge),
-        Err(_) => Err(Problem::Expected { what }),
+        Ok(count) => u64::try_from(count).map_err(|_| ReadProblem::Expected { what }),
+        Err(ReadProblem::IntegerTooLarge) => Err(ReadProblem::IntegerTooLarge),
+        Err(_) => Err(ReadProblem::Expected { what }),
     }
 }
 
@@ -317,13 +322,13 @@ mod tests {
         let mut cursor = Cursor::new("", b"a\rb\r\nc\nd");
         for (line, text) in [b"a", b"b", b"c", b"d"].iter().enumerate() {
             assert_eq!(cursor.next_line(), Some(&text[..]));
-            assert_eq!(cursor.place(), Place::Line(line + 1));
+            assert_eq!(cursor.place(), FilePlace::Line(line + 1));
         }
         assert_eq!(cursor.next_line(), None);
         let mut cursor = Cursor::new("", b"a\rb\r\nc\n \n d");
-        let places: Vec<Place> =
+        let places: Vec<FilePlace> =
             std::iter::from_fn(|| cursor.token().is_some().then(|| cursor.place())).collect();
-        assert_eq!(places, [1, 2, 3, 5].map(Place::Line));
+        assert_eq!(places, [1, 2, 3, 5].map(FilePlace::Line));
     }
 
     #[test]
@@ -338,7 +343,7 @@ mod tests {
         lines.skip_lines(usize::MAX);
         assert_eq!(
             [cursor, lines].map(|c| (c.position(), c.place())),
-            [(7, Place::Line(3)), (7, Place::Line(4))]
+            [(7, FilePlace::Line(3)), (7, FilePlace::Line(4))]
         );
     }
 
@@ -346,13 +351,13 @@ mod tests {
     fn a_part_of_the_file_has_a_column() {
         let text = "v 1\n\u{e9} x 2";
         let cursor = Cursor::new("a", text.as_bytes());
-        let error = cursor.fail_at_offset(7, true, Problem::NulByte, &text.as_bytes()[7..8]);
+        let error = cursor.fail_at_offset(7, true, ReadProblem::NulByte, &text.as_bytes()[7..8]);
         assert!(
             error.terse().starts_with("a:2:3: error[E006]"),
             "{}",
             error.terse()
         );
-        let elsewhere = cursor.fail_at_offset(7, true, Problem::NulByte, b"x");
+        let elsewhere = cursor.fail_at_offset(7, true, ReadProblem::NulByte, b"x");
         assert!(
             elsewhere.terse().starts_with("a:2: error[E006]"),
             "{}",
@@ -363,15 +368,18 @@ mod tests {
 
     #[test]
     fn numbers_that_are_none_are_refused() {
-        assert_eq!(coordinate(b"1,5", 0), Err(Problem::DecimalComma));
-        assert_eq!(coordinate(b"nan", 3), Err(Problem::NotFinite { vertex: 3 }));
+        assert_eq!(coordinate(b"1,5", 0), Err(ReadProblem::DecimalComma));
+        assert_eq!(
+            coordinate(b"nan", 3),
+            Err(ReadProblem::NotFinite { vertex: 3 })
+        );
         assert_eq!(
             coordinate(b"1e400", 3),
-            Err(Problem::Overflow { vertex: 3 })
+            Err(ReadProblem::Overflow { vertex: 3 })
         );
         assert_eq!(
             coordinate(b"-inf", 3),
-            Err(Problem::NotFinite { vertex: 3 })
+            Err(ReadProblem::NotFinite { vertex: 3 })
         );
         assert_eq!(coordinate(b"1e-400", 0), Ok(0.0));
         assert_eq!(coordinate(b"-2.e1", 0), Ok(-20.0));
@@ -386,21 +394,21 @@ mod tests {
         }
         assert_eq!(
             integer(b"-99999999999999999999"),
-            Err(Problem::IntegerTooLarge)
+            Err(ReadProblem::IntegerTooLarge)
         );
-        assert_eq!(integer(b"1\0"), Err(Problem::NulByte));
+        assert_eq!(integer(b"1\0"), Err(ReadProblem::NulByte));
         for token in [&[0xff][..], b"", b"-", b"1.0"] {
             assert_eq!(
                 integer(token),
-                Err(Problem::Expected {
+                Err(ReadProblem::Expected {
                     what: "a whole number"
                 })
             );
         }
         assert_eq!(
             count(b"99999999999999999999", "x"),
-            Err(Problem::IntegerTooLarge)
+            Err(ReadProblem::IntegerTooLarge)
         );
-        assert_eq!(count(b"-1", "x"), Err(Problem::Expected { what: "x" }));
+        assert_eq!(count(b"-1", "x"), Err(ReadProblem::Expected { what: "x" }));
     }
 }

@@ -8,7 +8,7 @@ use nalgebra::{Matrix4, Point3};
 
 use super::MeshFile;
 use super::cursor::{Cursor, count, finite, integer, number};
-use super::error::{Problem, ReadError};
+use super::error::{ReadError, ReadProblem};
 use super::surface::Surface;
 
 /// Greatest depth of nested objects; real files nest to the depth of a skeleton.
@@ -52,7 +52,9 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let text = bytes.trim_ascii_start();
     if text.get(8..12) != Some(b"txt ") {
         let what = "another variant of DirectX files than text";
-        return Err(reader.cursor.fail(Problem::Unsupported { what }, header));
+        return Err(reader
+            .cursor
+            .fail(ReadProblem::Unsupported { what }, header));
     }
     // The header ends with the size of a float: `xof 0302txt 0064`.
     reader.position = bytes.len() - text.len() + text.len().min(16);
@@ -61,7 +63,7 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     }
     if !reader.open.is_empty() {
         return Err(reader.fail(
-            Problem::Truncated {
+            ReadProblem::Truncated {
                 what: "an object without its closing brace",
             },
             b"",
@@ -71,7 +73,7 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
 }
 
 impl<'a> Reader<'a> {
-    fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
+    fn fail(&self, problem: ReadProblem, found: &[u8]) -> ReadError {
         let offset = self.cursor.offset_of(found).unwrap_or(self.position);
         self.cursor.fail_at_offset(offset, true, problem, found)
     }
@@ -119,7 +121,7 @@ impl<'a> Reader<'a> {
             b"}" => match self.open.pop() {
                 Some(_) => Ok(()),
                 None => Err(self.fail(
-                    Problem::Expected {
+                    ReadProblem::Expected {
                         what: "an opening brace before this one",
                     },
                     token,
@@ -151,7 +153,7 @@ impl<'a> Reader<'a> {
     fn push(&mut self, found: &[u8]) -> Result<(), ReadError> {
         if self.open.len() == DEEPEST {
             return Err(self.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "at most 256 objects inside one another",
                 },
                 found,
@@ -172,12 +174,12 @@ impl<'a> Reader<'a> {
                 _ => {}
             }
         }
-        Err(self.fail(Problem::Truncated { what: "a template" }, b""))
+        Err(self.fail(ReadProblem::Truncated { what: "a template" }, b""))
     }
 
     fn word(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
         self.token()
-            .ok_or_else(|| self.fail(Problem::Truncated { what }, b""))
+            .ok_or_else(|| self.fail(ReadProblem::Truncated { what }, b""))
     }
 
     /// A matrix belongs to the frame around it and acts on row vectors.
@@ -211,7 +213,7 @@ impl<'a> Reader<'a> {
         let possible = (self.bytes.len() - self.position) as u64 / smallest;
         match usize::try_from(declared) {
             Ok(count) if declared <= possible => Ok(count),
-            _ => Err(self.fail(Problem::CountExceedsFile { declared, possible }, word)),
+            _ => Err(self.fail(ReadProblem::CountExceedsFile { declared, possible }, word)),
         }
     }
 
@@ -271,8 +273,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-fn out_of_range(index: i64, count: usize) -> Problem {
-    Problem::IndexOutOfRange {
+fn out_of_range(index: i64, count: usize) -> ReadProblem {
+    ReadProblem::IndexOutOfRange {
         index,
         count,
         from_one: false,

@@ -8,7 +8,7 @@ use super::formats::readable;
 /// Greatest number of bytes of a file that an error message quotes.
 const QUOTED_BYTES: usize = 64;
 
-/// The text of [`Problem::Expected`] for a word that is no number.
+/// The text of [`ReadProblem::Expected`] for a word that is no number.
 pub(super) const A_NUMBER: &str = "a number";
 
 /// Error of a mesh reader; its text is one line, `path:line: message (found '...')`.
@@ -28,13 +28,13 @@ pub enum ReadError {
         /// The file name as given by the caller.
         file: Box<str>,
         /// Place in the file.
-        place: Place,
+        place: FilePlace,
         /// Column in a line of text, in characters from 1, if known.
         column: Option<u32>,
         /// The format of the content if the file name has that of another one.
         read_as: Option<Format>,
         /// The problem.
-        problem: Problem,
+        problem: ReadProblem,
         /// The part of the file, such as an array of VTK XML, if the place alone is not enough;
         /// otherwise empty.
         within: Box<str>,
@@ -126,7 +126,7 @@ impl ReadError {
 
 /// A place in a file; earlier places come first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Place {
+pub enum FilePlace {
     /// The file as a whole.
     Whole,
     /// A line of text, counted from 1.
@@ -135,26 +135,26 @@ pub enum Place {
     Offset(usize),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for FilePlace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Place::Whole => Ok(()),
-            Place::Line(line) => write!(f, "{line}:"),
-            Place::Offset(offset) => write!(f, " offset {offset:#x}:"),
+            FilePlace::Whole => Ok(()),
+            FilePlace::Line(line) => write!(f, "{line}:"),
+            FilePlace::Offset(offset) => write!(f, " offset {offset:#x}:"),
         }
     }
 }
 
 /// The file and a place in it, the start of every message: `file:line:column:` or
 /// `file: offset 0xNN:`.
-pub(super) fn placed(file: &str, place: &Place, column: Option<u32>) -> String {
+pub(super) fn placed(file: &str, place: &FilePlace, column: Option<u32>) -> String {
     let column = column.map_or_else(String::new, |column| format!("{column}:"));
     format!("{file}:{place}{column}")
 }
 
 /// Kinds of errors in a mesh file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Problem {
+pub enum ReadProblem {
     /// The file has no bytes.
     #[error("the file is empty")]
     Empty,
@@ -305,76 +305,76 @@ pub enum Problem {
     },
 }
 
-impl Problem {
+impl ReadProblem {
     /// The code, equal for all problems of one kind.
     pub fn code(&self) -> &'static str {
         match self {
-            Problem::Empty => "E001",
-            Problem::NoVertices => "E002",
-            Problem::UnknownFormat => "E003",
-            Problem::Utf16 => "E005",
-            Problem::NulByte => "E006",
-            Problem::LineTooLong { .. } => "E007",
-            Problem::UnfinishedLine => "E008",
-            Problem::TooFewNumbers { .. } => "E010",
-            Problem::DecimalComma => "E011",
-            Problem::Expected { what } if *what == A_NUMBER => "E011",
-            Problem::NotFinite { .. } => "E012",
-            Problem::Overflow { .. } => "E013",
-            Problem::IndexOutOfRange { .. } => "E020",
-            Problem::ZeroIndex => "E021",
-            Problem::BeforeFirst { .. } => "E022",
-            Problem::IntegerTooLarge => "E023",
-            Problem::TooFewCorners { .. } => "E024",
-            Problem::BadCorner => "E025",
-            Problem::TooManyCorners { .. } => "E026",
-            Problem::CountExceedsFile { .. } => "E040",
-            Problem::Truncated { .. } => "E041",
-            Problem::Expected { .. } | Problem::NoSurface { .. } => "E042",
-            Problem::SizeMismatch { .. } => "E043",
-            Problem::TooLarge { .. } => "E044",
-            Problem::Unsupported { .. } => "E045",
-            Problem::NoFaces { .. } => "E046",
+            ReadProblem::Empty => "E001",
+            ReadProblem::NoVertices => "E002",
+            ReadProblem::UnknownFormat => "E003",
+            ReadProblem::Utf16 => "E005",
+            ReadProblem::NulByte => "E006",
+            ReadProblem::LineTooLong { .. } => "E007",
+            ReadProblem::UnfinishedLine => "E008",
+            ReadProblem::TooFewNumbers { .. } => "E010",
+            ReadProblem::DecimalComma => "E011",
+            ReadProblem::Expected { what } if *what == A_NUMBER => "E011",
+            ReadProblem::NotFinite { .. } => "E012",
+            ReadProblem::Overflow { .. } => "E013",
+            ReadProblem::IndexOutOfRange { .. } => "E020",
+            ReadProblem::ZeroIndex => "E021",
+            ReadProblem::BeforeFirst { .. } => "E022",
+            ReadProblem::IntegerTooLarge => "E023",
+            ReadProblem::TooFewCorners { .. } => "E024",
+            ReadProblem::BadCorner => "E025",
+            ReadProblem::TooManyCorners { .. } => "E026",
+            ReadProblem::CountExceedsFile { .. } => "E040",
+            ReadProblem::Truncated { .. } => "E041",
+            ReadProblem::Expected { .. } | ReadProblem::NoSurface { .. } => "E042",
+            ReadProblem::SizeMismatch { .. } => "E043",
+            ReadProblem::TooLarge { .. } => "E044",
+            ReadProblem::Unsupported { .. } => "E045",
+            ReadProblem::NoFaces { .. } => "E046",
         }
     }
 
     /// Advice for the user.
     pub fn help(&self) -> &'static str {
         match self {
-            Problem::Empty
-            | Problem::TooFewNumbers { .. }
-            | Problem::CountExceedsFile { .. }
-            | Problem::Truncated { .. }
-            | Problem::UnfinishedLine
-            | Problem::SizeMismatch { .. } => {
+            ReadProblem::Empty
+            | ReadProblem::TooFewNumbers { .. }
+            | ReadProblem::CountExceedsFile { .. }
+            | ReadProblem::Truncated { .. }
+            | ReadProblem::UnfinishedLine
+            | ReadProblem::SizeMismatch { .. } => {
                 "the file is cut off or damaged: copy or export it again"
             }
-            Problem::NoSurface { .. } => {
+            ReadProblem::NoSurface { .. } => {
                 "extract its surface where it was made, and read that; it is not guessed here"
             }
-            Problem::Expected { .. } => {
+            ReadProblem::Expected { .. } => {
                 "the file is cut off, damaged or of another dialect: export it again"
             }
-            Problem::DecimalComma => "export the file with the decimal point of the C locale",
-            Problem::NotFinite { .. }
-            | Problem::Overflow { .. }
-            | Problem::ZeroIndex
-            | Problem::BeforeFirst { .. }
-            | Problem::IntegerTooLarge
-            | Problem::IndexOutOfRange { .. }
-            | Problem::TooFewCorners { .. }
-            | Problem::BadCorner
-            | Problem::NulByte => "correct it there, or export the file again",
-            Problem::NoVertices | Problem::NoFaces { .. } => {
+            ReadProblem::DecimalComma => "export the file with the decimal point of the C locale",
+            ReadProblem::NotFinite { .. }
+            | ReadProblem::Overflow { .. }
+            | ReadProblem::ZeroIndex
+            | ReadProblem::BeforeFirst { .. }
+            | ReadProblem::IntegerTooLarge
+            | ReadProblem::IndexOutOfRange { .. }
+            | ReadProblem::TooFewCorners { .. }
+            | ReadProblem::BadCorner
+            | ReadProblem::NulByte => "correct it there, or export the file again",
+            ReadProblem::NoVertices | ReadProblem::NoFaces { .. } => {
                 "export the surface with its triangles"
             }
-            Problem::TooManyCorners { .. } => "split the polygon where it was made",
-            Problem::LineTooLong { .. } => {
+            ReadProblem::TooManyCorners { .. } => "split the polygon where it was made",
+            ReadProblem::LineTooLong { .. } => {
                 "one statement of a mesh needs no such line: is the file damaged, or another kind of file?"
             }
-            Problem::TooLarge { .. } => "simplify the mesh first",
-            Problem::Utf16 => "save the text as UTF-8",
-            Problem::UnknownFormat | Problem::Unsupported { .. } => {
+            ReadProblem::TooLarge { .. } => "simplify the mesh first",
+            ReadProblem::Utf16 => "save the text as UTF-8",
+            ReadProblem::UnknownFormat | ReadProblem::Unsupported { .. } => {
                 "convert it to one of the formats that can be read"
             }
         }
@@ -449,10 +449,10 @@ mod tests {
     fn an_error_is_one_line_with_the_place() {
         let error = ReadError::Content {
             file: "a.obj".into(),
-            place: Place::Line(7),
+            place: FilePlace::Line(7),
             column: Some(3),
             read_as: None,
-            problem: Problem::TooFewNumbers { got: 2, wanted: 3 },
+            problem: ReadProblem::TooFewNumbers { got: 2, wanted: 3 },
             within: "".into(),
             found: quote(b"v 1 2\x1b\n").into(),
         };
@@ -465,10 +465,10 @@ mod tests {
         assert_eq!(error.terse(), terse);
         let error = ReadError::Content {
             file: "a.stl".into(),
-            place: Place::Offset(80),
+            place: FilePlace::Offset(80),
             column: None,
             read_as: Some(Format::Obj),
-            problem: Problem::CountExceedsFile {
+            problem: ReadProblem::CountExceedsFile {
                 declared: 9,
                 possible: 1,
             },
@@ -495,10 +495,10 @@ mod tests {
     fn a_message_has_no_place_and_no_quote() {
         let content = ReadError::Content {
             file: "a.vtp".into(),
-            place: Place::Line(7),
+            place: FilePlace::Line(7),
             column: Some(3),
             read_as: None,
-            problem: Problem::DecimalComma,
+            problem: ReadProblem::DecimalComma,
             within: "".into(),
             found: "1,5".into(),
         };

@@ -136,8 +136,8 @@ pub static FORMATS: [FormatSpec; 8] = [
         read: |bytes, name, _| ply::read(bytes, name),
         write: Some(|path, mesh, lines, encoding| {
             let encoding = match encoding {
-                Encoding::Binary => ply::Encoding::Little,
-                Encoding::Text => ply::Encoding::Text,
+                Encoding::Binary => ply::PlyEncoding::Little,
+                Encoding::Text => ply::PlyEncoding::Text,
             };
             ply::write(path, mesh, lines, encoding).map(|()| 0)
         }),
@@ -155,8 +155,8 @@ pub static FORMATS: [FormatSpec; 8] = [
         read: |bytes, name, _| stl::read_binary(bytes, name),
         write: Some(|path, mesh, lines, encoding| {
             let encoding = match encoding {
-                Encoding::Binary => stl::Encoding::Binary,
-                Encoding::Text => stl::Encoding::Text,
+                Encoding::Binary => stl::StlEncoding::Binary,
+                Encoding::Text => stl::StlEncoding::Text,
             };
             stl::write(path, mesh, encoding).map(|()| lines.len())
         }),
@@ -225,8 +225,8 @@ pub static FORMATS: [FormatSpec; 8] = [
         read: |bytes, name, _| vtk::read(bytes, name),
         write: Some(|path, mesh, lines, encoding| {
             let encoding = match encoding {
-                Encoding::Binary => vtk::Encoding::Binary,
-                Encoding::Text => vtk::Encoding::Ascii,
+                Encoding::Binary => vtk::VtkEncoding::Binary,
+                Encoding::Text => vtk::VtkEncoding::Ascii,
             };
             vtk::write(path, mesh, lines, encoding).map(|()| 0)
         }),

@@ -14,7 +14,7 @@ mod encoded;
 mod error;
 mod formats;
 pub mod obj;
-pub mod names;
+pub(crate) mod names;
 mod off;
 mod part;
 pub mod ply;
@@ -27,13 +27,15 @@ mod warning;
 mod write;
 mod xml;
 
+pub use names::{LIST, file_name};
+
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 use crate::mesh::TriangleMesh;
 use cursor::Cursor;
-pub use error::{Place, Problem, ReadError};
+pub use error::{FilePlace, ReadError, ReadProblem};
 use formats::Head;
 pub use formats::{Encoding, FORMATS, Format, FormatSpec, writable};
 pub use part::write_whole;
@@ -64,7 +66,7 @@ pub struct MeshFile {
 ///
 /// # Errors
 /// A file that cannot be read or is larger than [`MAX_FILE_BYTES`], an unknown or unsupported
-/// format, and content that is no mesh: see [`Problem`].
+/// format, and content that is no mesh: see [`ReadProblem`].
 pub fn read(path: &Path) -> Result<MeshFile, ReadError> {
     read_within(path, MAX_FILE_BYTES)
 }
@@ -128,8 +130,8 @@ pub fn read_with_point_data(path: &Path) -> Result<(MeshFile, Vec<PointData>), R
 fn bytes_of(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     let name = path.display().to_string();
     let too_large = |bytes| {
-        let problem = Problem::TooLarge { bytes, limit };
-        Cursor::new(&name, b"").fail_at(Place::Whole, problem, b"")
+        let problem = ReadProblem::TooLarge { bytes, limit };
+        Cursor::new(&name, b"").fail_at(FilePlace::Whole, problem, b"")
     };
     let io = |source| ReadError::Io {
         file: name.clone(),
@@ -165,7 +167,7 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
 pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let format = detect(bytes, name).map_err(|problem| {
-        Cursor::new(name, bytes).fail_at(Place::Whole, problem, &bytes[..bytes.len().min(8)])
+        Cursor::new(name, bytes).fail_at(FilePlace::Whole, problem, &bytes[..bytes.len().min(8)])
     })?;
     let result = (format.spec().read)(bytes, name, limit);
     // `.stl` means either variant.
@@ -179,7 +181,7 @@ pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFil
                         promised,
                         found: format,
                     },
-                    &|| Place::Whole,
+                    &|| FilePlace::Whole,
                 );
             }
             Ok(file)
@@ -200,12 +202,12 @@ const UNSUPPORTED: [(&str, &str); 5] = [
 ];
 
 /// Finds the format in the content.
-fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
+fn detect(bytes: &[u8], name: &str) -> Result<Format, ReadProblem> {
     if bytes.is_empty() {
-        return Err(Problem::Empty);
+        return Err(ReadProblem::Empty);
     }
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
-        return Err(Problem::Utf16);
+        return Err(ReadProblem::Utf16);
     }
     // The size rule precedes "solid": many binary files begin with that word.
     if stl::has_binary_size(bytes) {
@@ -222,7 +224,7 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
         .iter()
         .find(|(start, _)| head.text.starts_with(start.as_bytes()))
     {
-        return Err(Problem::Unsupported { what });
+        return Err(ReadProblem::Unsupported { what });
     }
     if let Some(spec) = of_content {
         return Ok(spec.format);
@@ -230,7 +232,7 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     // The other formats begin with their own words, which are missing here.
     Format::from_name(name)
         .filter(|format| (format.spec().is_possible)(bytes))
-        .ok_or(Problem::UnknownFormat)
+        .ok_or(ReadProblem::UnknownFormat)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use nalgebra::Point3;
 
 use super::MeshFile;
 use super::cursor::{Cursor, MAX_LINE_BYTES, integer};
-use super::error::{Place, Problem, ReadError};
+use super::error::{FilePlace, ReadError, ReadProblem};
 use super::part::{check_mesh, write_whole};
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut reader = Reader {
         cursor,
         surface,
-        place: Place::Whole,
+        place: FilePlace::Whole,
         pending: Vec::new(),
     };
     let mut joined = Vec::new();
@@ -101,11 +101,11 @@ fn continue_line<'a>(
         let place = cursor.place();
         let Some(next) = cursor.text_line()? else {
             let backslash = &last[last.trim_ascii_end().len() - 1..];
-            return Err(cursor.fail_at(place, Problem::UnfinishedLine, &backslash[..1]));
+            return Err(cursor.fail_at(place, ReadProblem::UnfinishedLine, &backslash[..1]));
         };
         let (bytes, limit) = (joined.len() + next.len() + 1, MAX_LINE_BYTES);
         if bytes > limit {
-            return Err(cursor.fail_at(start, Problem::LineTooLong { bytes, limit }, first));
+            return Err(cursor.fail_at(start, ReadProblem::LineTooLong { bytes, limit }, first));
         }
         joined.push(b' ');
         match next.trim_ascii_end().strip_suffix(b"\\") {
@@ -125,15 +125,15 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 }
 
 /// The problem of a statement, and the words to quote.
-type Complaint<'w> = (Problem, &'w [u8]);
+type Complaint<'w> = (ReadProblem, &'w [u8]);
 
 struct Reader<'a> {
     cursor: Cursor<'a>,
     surface: Surface,
     /// Start of the current statement.
-    place: Place,
+    place: FilePlace,
     /// Indices of vertices that follow later in the file, with the place.
-    pending: Vec<(Place, i64)>,
+    pending: Vec<(FilePlace, i64)>,
 }
 
 impl Reader<'_> {
@@ -165,7 +165,7 @@ impl Reader<'_> {
         let mut position = Point3::origin();
         for got in 0..3 {
             let Some(word) = words.next().filter(|word| !word.starts_with(b"#")) else {
-                return Err((Problem::TooFewNumbers { got, wanted: 3 }, line));
+                return Err((ReadProblem::TooFewNumbers { got, wanted: 3 }, line));
             };
             position[got] = self
                 .surface
@@ -187,11 +187,11 @@ impl Reader<'_> {
     }
 
     /// A corner is `v`, `v/t`, `v//n` or `v/t/n`; only `v` is used.
-    fn corner(&mut self, word: &[u8]) -> Result<u32, Problem> {
+    fn corner(&mut self, word: &[u8]) -> Result<u32, ReadProblem> {
         let mut parts = word.split(|&b| b == b'/');
         let index = integer(parts.next().unwrap_or_default()).map_err(|problem| match problem {
-            Problem::IntegerTooLarge => problem,
-            _ => Problem::BadCorner,
+            ReadProblem::IntegerTooLarge => problem,
+            _ => ReadProblem::BadCorner,
         })?;
         let (texture, normal, more) = (parts.next(), parts.next(), parts.next());
         let is_index = |part: Option<&[u8]>| part.is_some_and(|part| integer(part).is_ok());
@@ -203,16 +203,16 @@ impl Reader<'_> {
             (texture, normal) => is_index(texture) && is_index(normal),
         };
         if !complete || more.is_some() {
-            return Err(Problem::BadCorner);
+            return Err(ReadProblem::BadCorner);
         }
         let count = self.surface.vertices.len();
-        let out_of_range = Problem::IndexOutOfRange {
+        let out_of_range = ReadProblem::IndexOutOfRange {
             index,
             count,
             from_one: true,
         };
         match index {
-            0 => Err(Problem::ZeroIndex),
+            0 => Err(ReadProblem::ZeroIndex),
             1.. => {
                 let from_zero = u32::try_from(index - 1).map_err(|_| out_of_range)?;
                 // Of several future indices the largest decides; the first of equal ones represents
@@ -231,7 +231,7 @@ impl Reader<'_> {
                 let from_zero = i64::try_from(count).ok().and_then(|n| n.checked_add(index));
                 from_zero
                     .and_then(|i| u32::try_from(i).ok())
-                    .ok_or(Problem::BeforeFirst { index, count })
+                    .ok_or(ReadProblem::BeforeFirst { index, count })
             }
         }
     }
@@ -245,7 +245,7 @@ impl Reader<'_> {
         {
             None => Ok(()),
             Some(&(place, index)) => {
-                let problem = Problem::IndexOutOfRange {
+                let problem = ReadProblem::IndexOutOfRange {
                     index,
                     count,
                     from_one: true,

@@ -5,7 +5,7 @@ use nalgebra::Point3;
 
 use super::MeshFile;
 use super::cursor::{Cursor, count, integer};
-use super::error::{Problem, ReadError};
+use super::error::{ReadError, ReadProblem};
 use super::surface::Surface;
 
 /// Properties from the keyword at the start.
@@ -102,7 +102,7 @@ impl<'a> Reader<'a> {
     fn line(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
         loop {
             match self.cursor.text_line()? {
-                None => return Err(self.cursor.fail(Problem::Truncated { what }, b"")),
+                None => return Err(self.cursor.fail(ReadProblem::Truncated { what }, b"")),
                 Some(line) if content(line).is_empty() => {}
                 Some(line) => return Ok(content(line)),
             }
@@ -117,7 +117,7 @@ impl<'a> Reader<'a> {
             let behind = line[keyword.length..].trim_ascii();
             if keyword.other_dimension {
                 return Err(self.cursor.fail(
-                    Problem::Unsupported {
+                    ReadProblem::Unsupported {
                         what: "OFF of another dimension than 3",
                     },
                     first,
@@ -126,7 +126,7 @@ impl<'a> Reader<'a> {
             if behind.starts_with(b"BINARY") {
                 return Err(self
                     .cursor
-                    .fail(Problem::Unsupported { what: "binary OFF" }, behind));
+                    .fail(ReadProblem::Unsupported { what: "binary OFF" }, behind));
             }
             line = if behind.is_empty() {
                 self.line("the header")?
@@ -147,7 +147,7 @@ impl<'a> Reader<'a> {
             if declared > possible {
                 return Err(self
                     .cursor
-                    .fail(Problem::CountExceedsFile { declared, possible }, line));
+                    .fail(ReadProblem::CountExceedsFile { declared, possible }, line));
             }
         }
         Ok((vertices, faces))
@@ -161,7 +161,7 @@ impl<'a> Reader<'a> {
             let Some(word) = words.next() else {
                 return Err(self
                     .cursor
-                    .fail(Problem::TooFewNumbers { got, wanted: 3 }, line));
+                    .fail(ReadProblem::TooFewNumbers { got, wanted: 3 }, line));
             };
             let value = self.surface.coordinate(word, &|| self.cursor.place());
             position[got] = value.map_err(|problem| self.cursor.fail(problem, word))?;
@@ -184,7 +184,7 @@ impl<'a> Reader<'a> {
             corners.push(index.map_err(|problem| self.cursor.fail(problem, word))?);
         }
         if corners.len() < count {
-            let problem = Problem::TooFewNumbers {
+            let problem = ReadProblem::TooFewNumbers {
                 got: corners.len(),
                 wanted: count,
             };

@@ -11,7 +11,7 @@ pub(super) use read::read;
 
 /// Encoding of the numbers of a PLY file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
+pub enum PlyEncoding {
     /// As text: the shortest that gives the same double.
     Text,
     /// As little-endian binary numbers.
@@ -30,13 +30,13 @@ pub fn write(
     path: &Path,
     mesh: &TriangleMesh,
     lines: &[Vec<u32>],
-    encoding: Encoding,
+    encoding: PlyEncoding,
 ) -> io::Result<()> {
     check_mesh(mesh, lines)?;
     let word = match encoding {
-        Encoding::Text => "ascii",
-        Encoding::Little => "binary_little_endian",
-        Encoding::Big => "binary_big_endian",
+        PlyEncoding::Text => "ascii",
+        PlyEncoding::Little => "binary_little_endian",
+        PlyEncoding::Big => "binary_big_endian",
     };
     let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
     let edges: usize = lines.iter().map(|line| line.len() - 1).sum();
@@ -55,13 +55,13 @@ pub fn write(
         writeln!(w, "end_header")?;
         for v in &mesh.vertices {
             match encoding {
-                Encoding::Text => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
-                Encoding::Little => v.iter().try_for_each(|c| w.write_all(&c.to_le_bytes()))?,
-                Encoding::Big => v.iter().try_for_each(|c| w.write_all(&c.to_be_bytes()))?,
+                PlyEncoding::Text => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
+                PlyEncoding::Little => v.iter().try_for_each(|c| w.write_all(&c.to_le_bytes()))?,
+                PlyEncoding::Big => v.iter().try_for_each(|c| w.write_all(&c.to_be_bytes()))?,
             }
         }
         for triangle in &mesh.triangles {
-            w.write_all(if encoding == Encoding::Text {
+            w.write_all(if encoding == PlyEncoding::Text {
                 b"3 "
             } else {
                 &[3]
@@ -76,16 +76,16 @@ pub fn write(
 }
 
 /// The rest of a record, which contains only indices.
-fn write_indices(w: &mut impl Write, indices: &[u32], encoding: Encoding) -> io::Result<()> {
+fn write_indices(w: &mut impl Write, indices: &[u32], encoding: PlyEncoding) -> io::Result<()> {
     for (k, i) in indices.iter().enumerate() {
         match encoding {
-            Encoding::Text if k == 0 => write!(w, "{i}")?,
-            Encoding::Text => write!(w, " {i}")?,
-            Encoding::Little => w.write_all(&i.to_le_bytes())?,
-            Encoding::Big => w.write_all(&i.to_be_bytes())?,
+            PlyEncoding::Text if k == 0 => write!(w, "{i}")?,
+            PlyEncoding::Text => write!(w, " {i}")?,
+            PlyEncoding::Little => w.write_all(&i.to_le_bytes())?,
+            PlyEncoding::Big => w.write_all(&i.to_be_bytes())?,
         }
     }
-    if encoding == Encoding::Text {
+    if encoding == PlyEncoding::Text {
         writeln!(w)
     } else {
         Ok(())

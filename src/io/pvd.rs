@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::{Component, Path};
 
 use super::cursor::{count, number};
-use super::error::{Problem, ReadError};
+use super::error::{ReadError, ReadProblem};
 use super::part::{invalid, write_whole};
 use super::vtp::escape;
 use super::xml::{Tag, Xml, unescaped};
@@ -112,7 +112,7 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<Collection, ReadError> {
             let kind = tag.attribute("type").unwrap_or_default();
             if tag.name != b"VTKFile" || kind != b"Collection" {
                 let found = if kind.is_empty() { tag.name } else { kind };
-                return Err(xml.fail(Problem::Expected { what: ROOT }, found));
+                return Err(xml.fail(ReadProblem::Expected { what: ROOT }, found));
             }
             begun = true;
         }
@@ -125,18 +125,18 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<Collection, ReadError> {
     match (begun, ended) {
         (true, true) => Ok(collection),
         (true, false) => Err(xml.fail(
-            Problem::Truncated {
+            ReadProblem::Truncated {
                 what: "the element Collection",
             },
             b"",
         )),
-        (false, _) if xml.bytes.is_empty() => Err(xml.fail(Problem::Empty, b"")),
-        (false, _) => Err(xml.fail(Problem::Expected { what: ROOT }, b"")),
+        (false, _) if xml.bytes.is_empty() => Err(xml.fail(ReadProblem::Empty, b"")),
+        (false, _) => Err(xml.fail(ReadProblem::Expected { what: ROOT }, b"")),
     }
 }
 
 fn entry(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Entry, ReadError> {
-    let expected = |what, found: &[u8]| xml.fail(Problem::Expected { what }, found);
+    let expected = |what, found: &[u8]| xml.fail(ReadProblem::Expected { what }, found);
     let (Some(time_word), Some(file_word)) = (tag.attribute("timestep"), tag.attribute("file"))
     else {
         return Err(expected(
@@ -154,7 +154,7 @@ fn entry(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Entry, ReadError> {
         Some(word) => {
             let part =
                 count(word, "the number of a part").map_err(|problem| xml.fail(problem, word))?;
-            usize::try_from(part).map_err(|_| xml.fail(Problem::IntegerTooLarge, word))?
+            usize::try_from(part).map_err(|_| xml.fail(ReadProblem::IntegerTooLarge, word))?
         }
     };
     let file = unescaped(file_word);

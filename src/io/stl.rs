@@ -8,7 +8,7 @@ use nalgebra::Point3;
 
 use super::MeshFile;
 use super::cursor::{Cursor, finite};
-use super::error::{Problem, ReadError};
+use super::error::{ReadError, ReadProblem};
 use super::part::{check_mesh, invalid, write_whole};
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
@@ -30,7 +30,7 @@ pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
 
 /// Encoding of the numbers of an STL file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
+pub enum StlEncoding {
     /// As text: the shortest that gives the same double.
     Text,
     /// As binary numbers of 32 bits, the only size of the format: coordinates are rounded.
@@ -46,11 +46,11 @@ pub enum Encoding {
 /// # Errors
 /// A coordinate that is not finite, in binary also as a single; an index out of range; more
 /// triangles than 32 bits count; and errors of the operating system.
-pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result<()> {
+pub fn write(path: &Path, mesh: &TriangleMesh, encoding: StlEncoding) -> io::Result<()> {
     check_mesh(mesh, &[])?;
     let count = u32::try_from(mesh.triangles.len())
         .map_err(|_| invalid("more triangles than STL can count"))?;
-    if encoding == Encoding::Binary
+    if encoding == StlEncoding::Binary
         && let Some(i) = mesh
             .vertices
             .iter()
@@ -62,8 +62,8 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
     }
     write_whole(path, |w| {
         match encoding {
-            Encoding::Text => writeln!(w, "solid pliant")?,
-            Encoding::Binary => {
+            StlEncoding::Text => writeln!(w, "solid pliant")?,
+            StlEncoding::Binary => {
                 w.write_all(&[b' '; 80])?;
                 w.write_all(&count.to_le_bytes())?;
             }
@@ -76,7 +76,7 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
                 .try_normalize(0.0)
                 .filter(|n| n.iter().all(|c| c.is_finite()))
                 .unwrap_or_default();
-            if encoding == Encoding::Binary {
+            if encoding == StlEncoding::Binary {
                 let numbers = normal.iter().chain(corners.iter().flat_map(|c| c.iter()));
                 numbers
                     .copied()
@@ -94,7 +94,7 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
             }
             writeln!(w, "  endloop\n endfacet")?;
         }
-        if encoding == Encoding::Text {
+        if encoding == StlEncoding::Text {
             writeln!(w, "endsolid pliant")
         } else {
             Ok(())
@@ -189,7 +189,7 @@ pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
     let possible = (cursor.rest().len() / FACET_BYTES) as u64;
     if count > possible {
         return Err(cursor.fail(
-            Problem::CountExceedsFile {
+            ReadProblem::CountExceedsFile {
                 declared: count,
                 possible,
             },
@@ -197,7 +197,7 @@ pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
         ));
     }
     if !has_binary_size(bytes) {
-        let problem = Problem::SizeMismatch {
+        let problem = ReadProblem::SizeMismatch {
             what: "the number of triangles",
             declared: count,
             used: possible,
@@ -258,7 +258,7 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
             b"vertex" => {
                 let Some(open) = &mut open_loop else {
                     return Err(cursor.fail(
-                        Problem::Expected {
+                        ReadProblem::Expected {
                             what: "'outer loop' before a vertex",
                         },
                         line,
@@ -267,7 +267,9 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
                 let mut position = [0.0; 3];
                 for (got, value) in position.iter_mut().enumerate() {
                     let Some(word) = words.next() else {
-                        return Err(cursor.fail(Problem::TooFewNumbers { got, wanted: 3 }, line));
+                        return Err(
+                            cursor.fail(ReadProblem::TooFewNumbers { got, wanted: 3 }, line)
+                        );
                     };
                     *value = corners
                         .surface
@@ -285,13 +287,13 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
             }
             _ => {
                 let what = "solid, facet, outer loop, vertex, endloop, endfacet or endsolid";
-                return Err(cursor.fail(Problem::Expected { what }, line));
+                return Err(cursor.fail(ReadProblem::Expected { what }, line));
             }
         }
     }
     if in_solid || open_loop.is_some() {
         return Err(cursor.fail(
-            Problem::Truncated {
+            ReadProblem::Truncated {
                 what: "a solid without 'endsolid'",
             },
             b"",

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::MeshFile;
 use super::cursor::{self, Cursor, beyond_double};
-use super::error::{Place, Problem, ReadError};
+use super::error::{FilePlace, ReadError, ReadProblem};
 use super::warning::{Warning, Warnings};
 use crate::mesh::TriangleMesh;
 
@@ -32,20 +32,20 @@ pub(super) struct Surface {
 struct Ahead {
     first: u32,
     end: u32,
-    place: Place,
+    place: FilePlace,
 }
 
 /// Gives the place of the current item. The call can be a search, so it happens only for a first
 /// warning.
-type At<'a> = &'a dyn Fn() -> Place;
+type At<'a> = &'a dyn Fn() -> FilePlace;
 
 impl Surface {
     /// Checks an index that starts at 0.
-    pub(super) fn index(&self, index: i64) -> Result<u32, Problem> {
+    pub(super) fn index(&self, index: i64) -> Result<u32, ReadProblem> {
         let count = self.vertices.len();
         match u32::try_from(index) {
             Ok(i) if (i as usize) < count => Ok(i),
-            _ => Err(Problem::IndexOutOfRange {
+            _ => Err(ReadProblem::IndexOutOfRange {
                 index,
                 count,
                 from_one: false,
@@ -54,7 +54,7 @@ impl Surface {
     }
 
     /// A coordinate in a text, of the vertex after the last one.
-    pub(super) fn coordinate(&mut self, token: &[u8], at: At<'_>) -> Result<f64, Problem> {
+    pub(super) fn coordinate(&mut self, token: &[u8], at: At<'_>) -> Result<f64, ReadProblem> {
         let value = cursor::coordinate(token, self.vertices.len())?;
         if beyond_double(token, value) {
             self.underflow(at);
@@ -68,16 +68,16 @@ impl Surface {
     }
 
     /// Adds a polygon as a fan around its first corner.
-    pub(super) fn polygon(&mut self, corners: &[u32], at: At<'_>) -> Result<(), Problem> {
+    pub(super) fn polygon(&mut self, corners: &[u32], at: At<'_>) -> Result<(), ReadProblem> {
         let (got, limit) = (corners.len(), MAX_CORNERS);
         let [first, rest @ ..] = corners else {
-            return Err(Problem::TooFewCorners { got, wanted: 3 });
+            return Err(ReadProblem::TooFewCorners { got, wanted: 3 });
         };
         if rest.len() < 2 {
-            return Err(Problem::TooFewCorners { got, wanted: 3 });
+            return Err(ReadProblem::TooFewCorners { got, wanted: 3 });
         }
         if got > limit {
-            return Err(Problem::TooManyCorners { got, limit });
+            return Err(ReadProblem::TooManyCorners { got, limit });
         }
         let start = self.triangles.len();
         for pair in rest.windows(2) {
@@ -106,9 +106,9 @@ impl Surface {
     }
 
     /// Adds a triangle strip; every second triangle is reversed, so that all face the same side.
-    pub(super) fn strip(&mut self, corners: &[u32], at: At<'_>) -> Result<(), Problem> {
+    pub(super) fn strip(&mut self, corners: &[u32], at: At<'_>) -> Result<(), ReadProblem> {
         if corners.len() < 3 {
-            return Err(Problem::TooFewCorners {
+            return Err(ReadProblem::TooFewCorners {
                 got: corners.len(),
                 wanted: 3,
             });
@@ -125,9 +125,9 @@ impl Surface {
     }
 
     /// Adds a polyline.
-    pub(super) fn line(&mut self, corners: &[u32]) -> Result<(), Problem> {
+    pub(super) fn line(&mut self, corners: &[u32]) -> Result<(), ReadProblem> {
         if corners.len() < 2 {
-            return Err(Problem::TooFewCorners {
+            return Err(ReadProblem::TooFewCorners {
                 got: corners.len(),
                 wanted: 2,
             });
@@ -151,10 +151,10 @@ impl Surface {
     pub(super) fn finish(mut self, cursor: &Cursor<'_>) -> Result<MeshFile, ReadError> {
         let vertices = self.vertices.len();
         if vertices == 0 {
-            return Err(cursor.fail_at(Place::Whole, Problem::NoVertices, b""));
+            return Err(cursor.fail_at(FilePlace::Whole, ReadProblem::NoVertices, b""));
         }
         if self.triangles.is_empty() && self.lines.is_empty() {
-            return Err(cursor.fail_at(Place::Whole, Problem::NoFaces { vertices }, b""));
+            return Err(cursor.fail_at(FilePlace::Whole, ReadProblem::NoFaces { vertices }, b""));
         }
         for Ahead { first, end, place } in std::mem::take(&mut self.ahead) {
             let fan = self
@@ -227,7 +227,7 @@ fn flat_and_convex(vertices: &[Point3<f64>], fan: &[[u32; 3]]) -> Option<bool> {
 mod tests {
     use super::*;
 
-    const NOWHERE: At<'_> = &|| Place::Whole;
+    const NOWHERE: At<'_> = &|| FilePlace::Whole;
 
     #[test]
     fn polygons_and_strips_keep_their_side() {
@@ -240,22 +240,22 @@ mod tests {
         );
         assert_eq!(
             surface.polygon(&[1, 2], NOWHERE),
-            Err(Problem::TooFewCorners { got: 2, wanted: 3 })
+            Err(ReadProblem::TooFewCorners { got: 2, wanted: 3 })
         );
         assert_eq!(
             surface.line(&[1]),
-            Err(Problem::TooFewCorners { got: 1, wanted: 2 })
+            Err(ReadProblem::TooFewCorners { got: 1, wanted: 2 })
         );
         assert_eq!(
             surface.strip(&[0, 1], NOWHERE),
-            Err(Problem::TooFewCorners { got: 2, wanted: 3 })
+            Err(ReadProblem::TooFewCorners { got: 2, wanted: 3 })
         );
         let many: Vec<u32> = (0..=MAX_CORNERS as u32).collect();
         assert!(surface.polygon(&many[1..], NOWHERE).is_ok());
         let (got, limit) = (MAX_CORNERS + 1, MAX_CORNERS);
         assert_eq!(
             surface.polygon(&many, NOWHERE),
-            Err(Problem::TooManyCorners { got, limit })
+            Err(ReadProblem::TooManyCorners { got, limit })
         );
     }
 

@@ -12,7 +12,7 @@ pub(super) use read::read;
 
 /// Encoding of the numbers of a legacy VTK file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
+pub enum VtkEncoding {
     /// As text: the shortest that gives the same double.
     Ascii,
     /// As big-endian binary numbers.
@@ -29,7 +29,7 @@ pub fn write(
     path: &Path,
     mesh: &TriangleMesh,
     lines: &[Vec<u32>],
-    encoding: Encoding,
+    encoding: VtkEncoding,
 ) -> io::Result<()> {
     let TriangleMesh {
         vertices,
@@ -37,8 +37,8 @@ pub fn write(
     } = mesh;
     check_mesh(mesh, lines)?;
     let word = match encoding {
-        Encoding::Ascii => "ASCII",
-        Encoding::Binary => "BINARY",
+        VtkEncoding::Ascii => "ASCII",
+        VtkEncoding::Binary => "BINARY",
     };
     write_whole(path, |w| {
         write!(
@@ -48,11 +48,11 @@ pub fn write(
         )?;
         for v in vertices {
             match encoding {
-                Encoding::Ascii => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
-                Encoding::Binary => v.iter().try_for_each(|c| w.write_all(&c.to_be_bytes()))?,
+                VtkEncoding::Ascii => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
+                VtkEncoding::Binary => v.iter().try_for_each(|c| w.write_all(&c.to_be_bytes()))?,
             }
         }
-        if encoding == Encoding::Binary {
+        if encoding == VtkEncoding::Binary {
             writeln!(w)?;
         }
         write_cells(w, "LINES", lines.iter().map(Vec::as_slice), encoding)?;
@@ -69,7 +69,7 @@ fn write_cells<'a>(
     w: &mut impl Write,
     keyword: &str,
     cells: impl Iterator<Item = &'a [u32]> + Clone,
-    encoding: Encoding,
+    encoding: VtkEncoding,
 ) -> io::Result<()> {
     let (count, size) = cells.clone().fold((0usize, 0usize), |(n, size), cell| {
         (n + 1, size + 1 + cell.len())
@@ -80,12 +80,12 @@ fn write_cells<'a>(
     writeln!(w, "{keyword} {count} {size}")?;
     for cell in cells {
         match encoding {
-            Encoding::Ascii => {
+            VtkEncoding::Ascii => {
                 write!(w, "{}", cell.len())?;
                 cell.iter().try_for_each(|i| write!(w, " {i}"))?;
                 writeln!(w)?;
             }
-            Encoding::Binary => {
+            VtkEncoding::Binary => {
                 // The format has only signed 32-bit indices.
                 let signed = |i: usize| {
                     i32::try_from(i).map_err(|_| invalid(format!("{i} needs more than 31 bits")))
@@ -97,7 +97,7 @@ fn write_cells<'a>(
             }
         }
     }
-    if encoding == Encoding::Binary {
+    if encoding == VtkEncoding::Binary {
         writeln!(w)
     } else {
         Ok(())
@@ -129,7 +129,7 @@ mod tests {
         )
     }
 
-    pub(super) fn written(encoding: Encoding, name: &str) -> Vec<u8> {
+    pub(super) fn written(encoding: VtkEncoding, name: &str) -> Vec<u8> {
         let (mesh, lines) = sample();
         let path = Scratch::file(name);
         write(&path, &mesh, &lines, encoding).unwrap();
@@ -146,8 +146,8 @@ mod tests {
         };
         let (mesh, lines) = sample();
         for (encoding, name) in [
-            (Encoding::Ascii, "ascii.vtk"),
-            (Encoding::Binary, "binary.vtk"),
+            (VtkEncoding::Ascii, "ascii.vtk"),
+            (VtkEncoding::Binary, "binary.vtk"),
         ] {
             let file = read_bytes(&written(encoding, name), name).unwrap();
             assert_eq!(bits(&file.mesh), bits(&mesh));
@@ -159,7 +159,7 @@ mod tests {
             ..mesh
         };
         let path = Scratch::file("lines.vtk");
-        write(&path, &only_lines, &lines, Encoding::Ascii).unwrap();
+        write(&path, &only_lines, &lines, VtkEncoding::Ascii).unwrap();
         assert_eq!(crate::io::read(&path).unwrap().lines, lines);
     }
 
@@ -167,11 +167,11 @@ mod tests {
     fn wrong_meshes_are_not_written() {
         let (mesh, _) = sample();
         let path = Scratch::file("never.vtk");
-        assert!(write(&path, &mesh, &[vec![0]], Encoding::Ascii).is_err());
-        assert!(write(&path, &mesh, &[vec![0, 4]], Encoding::Ascii).is_err());
+        assert!(write(&path, &mesh, &[vec![0]], VtkEncoding::Ascii).is_err());
+        assert!(write(&path, &mesh, &[vec![0, 4]], VtkEncoding::Ascii).is_err());
         let mut nan = mesh;
         nan.vertices[1].y = f64::NAN;
-        assert!(write(&path, &nan, &[], Encoding::Binary).is_err());
+        assert!(write(&path, &nan, &[], VtkEncoding::Binary).is_err());
         assert!(!path.exists());
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::Format;
-use super::error::{Place, placed};
+use super::error::{FilePlace, placed};
 
 /// Accepted content that is possibly a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,7 +58,7 @@ pub struct Warned {
     /// Number of occurrences.
     pub count: usize,
     /// Place of the first occurrence.
-    pub first: Place,
+    pub first: FilePlace,
 }
 
 impl Warned {
@@ -127,7 +127,7 @@ impl Warnings {
 
     /// Counts a warning. The place is computed only for the first of its kind, because it can be a
     /// search.
-    pub(super) fn note(&mut self, warning: Warning, place: &dyn Fn() -> Place) {
+    pub(super) fn note(&mut self, warning: Warning, place: &dyn Fn() -> FilePlace) {
         match self.0.iter_mut().find(|w| w.warning == warning) {
             Some(warned) => warned.count += 1,
             None => {
@@ -147,7 +147,7 @@ impl Warnings {
     }
 
     /// The same as [`Self::note`], for a place that can precede a known one.
-    pub(super) fn note_late(&mut self, warning: Warning, place: Place) {
+    pub(super) fn note_late(&mut self, warning: Warning, place: FilePlace) {
         self.note(warning, &|| place);
         if let Some(warned) = self.0.iter_mut().find(|w| w.warning == warning) {
             warned.first = warned.first.min(place);
@@ -166,11 +166,11 @@ mod tests {
             promised: Format::Obj,
             found: Format::Ply,
         };
-        warnings.note(other, &|| Place::Whole);
+        warnings.note(other, &|| FilePlace::Whole);
         for line in [7, 3] {
-            warnings.note(Warning::RepeatedCorner, &|| Place::Line(line));
+            warnings.note(Warning::RepeatedCorner, &|| FilePlace::Line(line));
         }
-        warnings.note(Warning::Underflow, &|| Place::Offset(16));
+        warnings.note(Warning::Underflow, &|| FilePlace::Offset(16));
         let lines: Vec<String> = warnings.iter().map(|w| w.terse("a.obj")).collect();
         let wanted = [
             "a.obj: offset 0x10: warning[W001]: 1 coordinate too small for a double became 0",

@@ -1,7 +1,7 @@
 //! Tags of XML in sequence, without nesting in memory, so that no file can exhaust the stack.
 
 use super::cursor::Cursor;
-use super::error::{Problem, ReadError};
+use super::error::{ReadError, ReadProblem};
 
 /// The content between `<` and `>`.
 #[derive(Clone, Copy)]
@@ -56,7 +56,7 @@ impl<'a> Xml<'a> {
     }
 
     /// An error in the text of the file, at the given bytes or at the read position.
-    pub(super) fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
+    pub(super) fn fail(&self, problem: ReadProblem, found: &[u8]) -> ReadError {
         let offset = self.cursor.offset_of(found).unwrap_or(self.position);
         self.cursor.fail_at_offset(offset, true, problem, found)
     }
@@ -78,7 +78,9 @@ impl<'a> Xml<'a> {
                 }
                 [b'<', b'!', ..] => {
                     let what = "an element; document types and CDATA are not read";
-                    return Err(self.fail(Problem::Expected { what }, &rest[..rest.len().min(9)]));
+                    return Err(
+                        self.fail(ReadProblem::Expected { what }, &rest[..rest.len().min(9)])
+                    );
                 }
                 _ => return self.element(rest).map(Some),
             };
@@ -86,7 +88,7 @@ impl<'a> Xml<'a> {
                 Some(length) => self.position += length,
                 None => {
                     return Err(self.fail(
-                        Problem::Truncated {
+                        ReadProblem::Truncated {
                             what: "a comment or declaration",
                         },
                         b"",
@@ -107,7 +109,7 @@ impl<'a> Xml<'a> {
             quote.is_none() && b == b'>'
         });
         let Some(length) = length else {
-            return Err(self.fail(Problem::Truncated { what: "a tag" }, b""));
+            return Err(self.fail(ReadProblem::Truncated { what: "a tag" }, b""));
         };
         let inside = &rest[1..length];
         let (closes, inside) = inside

@@ -136,13 +136,13 @@ impl<'a> Inside<'a> {
     }
 
     /// The line along x at `y`, `z` [m], for tests of many points on it.
-    pub fn line(&self, y: f64, z: f64) -> Line<'_> {
+    pub fn line(&self, y: f64, z: f64) -> ParityLine<'_> {
         let at = Point3::new(self.bounds.min.x, y, z);
         let covering = self.list(&at).iter().filter_map(|&t| {
             let turns = turns(&at, &self.corners(t as usize));
             (turns != 0).then_some((t, turns))
         });
-        Line {
+        ParityLine {
             inside: self,
             at,
             covering: covering.collect(),
@@ -152,14 +152,14 @@ impl<'a> Inside<'a> {
 
 /// A line along x, with the triangles that it can cross.
 #[derive(Debug)]
-pub struct Line<'a> {
+pub struct ParityLine<'a> {
     inside: &'a Inside<'a>,
     at: Point3<f64>,
     /// Each triangle with its turns about the line.
     covering: Vec<(u32, i32)>,
 }
 
-impl Line<'_> {
+impl ParityLine<'_> {
     /// [`Inside::winding`] about the point of the line at `x` [m].
     pub fn winding(&self, x: f64) -> i32 {
         let p = Point3::new(x, self.at.y, self.at.z);

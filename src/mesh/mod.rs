@@ -1,22 +1,33 @@
 //! Triangle meshes: topology, measures, health and repair, refinement, generated shapes.
 
-pub mod boundary;
-pub mod closest;
-pub mod coincident;
-pub mod cut;
-pub mod health;
-pub mod inside;
-pub mod isosurface;
+pub(crate) mod boundary;
+pub(crate) mod closest;
+pub(crate) mod coincident;
+pub(crate) mod cut;
+pub(crate) mod health;
+pub(crate) mod inside;
+pub(crate) mod isosurface;
 pub mod measures;
 pub mod order;
-pub mod orientation;
-pub mod predicates;
-pub mod refine;
-pub mod repair;
+pub(crate) mod orientation;
+pub(crate) mod predicates;
+pub(crate) mod refine;
+pub(crate) mod repair;
 pub mod shapes;
-pub mod sum;
-pub mod topology;
-pub mod winding;
+pub(crate) mod sum;
+pub(crate) mod topology;
+pub(crate) mod winding;
+
+pub use closest::{SurfaceTree, TriangleProjection, closest_on_triangle};
+pub use cut::{Cut, cut, filled};
+pub use health::{Finding, FindingKind, FindingPlace, Repair};
+pub use inside::{Inside, ParityLine};
+pub use orientation::Orientation;
+pub use repair::{
+    Deviation, LONGEST_RIM, RepairChange, RepairOptions, RepairStep, Repaired, deviation, repair,
+};
+pub use sum::{NeumaierSum, tree_sum};
+pub use winding::{WindingTree, winding_number_direct};
 
 use nalgebra::Point3;
 
@@ -26,7 +37,7 @@ pub use measures::Aabb;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use refine::refine_patch;
 pub use refine::{RefineError, RefineReport, Refined, refine};
-pub use topology::Topology;
+pub use topology::{Components, Topology};
 
 /// A triangle mesh: vertex positions [m] and triangles of vertex indices, counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -16,7 +16,7 @@ pub use soft::{scalp, sheet};
 
 /// A generated shape.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shape {
+pub struct GeneratedShape {
     /// Surface [m]; without triangles for a chain.
     pub mesh: TriangleMesh,
     /// Edges other than those of the triangles, as vertex indices.
@@ -53,10 +53,10 @@ pub const SKIN_NAMES: &[&str] = &["sheet", "scalp"];
 pub const FIBRE_NAMES: &[&str] = &["hip-gluteus"];
 
 /// Makes the shape of that name; `None` for a name not in [`NAMES`].
-pub fn make(name: &str) -> Option<Shape> {
-    let closed = |mesh| Shape {
+pub fn make(name: &str) -> Option<GeneratedShape> {
+    let closed = |mesh| GeneratedShape {
         mesh,
-        ..Shape::default()
+        ..GeneratedShape::default()
     };
     Some(match name {
         "tetrahedron" => closed(tetrahedron()),

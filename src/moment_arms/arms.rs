@@ -2,7 +2,7 @@
 //! comparison with tables.
 
 use super::curve::{Roughness, extremes, moment_arms, roughness};
-use super::reference::{Comparison, Reference, ReferenceError, Table};
+use super::reference::{Comparison, ReferenceCurve, ReferenceError, Table};
 use super::sweep::{Crossing, Running};
 
 /// Moment arms of a muscle.
@@ -29,7 +29,7 @@ pub struct Arms {
     pub length_roughness: Option<Roughness>,
     /// Tables that contain the muscle, with the comparison; `None` where the ranges of angles do
     /// not overlap.
-    pub compared: Vec<(String, Reference, Option<Comparison>)>,
+    pub compared: Vec<(String, ReferenceCurve, Option<Comparison>)>,
     /// Share of the angles at which straight lines would lie in the envelope of the same tables.
     pub straight_overlaps: Vec<Option<f64>>,
 }

@@ -9,7 +9,7 @@ pub const AROUND: usize = 4;
 /// complete cubic. NaN for fewer than 3 lengths, or fewer than `2 around + 1`.
 ///
 /// ```
-/// use pliant::moment_arms::curve::moment_arms;
+/// use pliant::moment_arms::moment_arms;
 /// let lengths: Vec<f64> = (0..9).map(|k| 0.3 - 0.04 * 0.1 * f64::from(k)).collect();
 /// assert!(moment_arms(&lengths, 0.1, 0).iter().all(|r| (r - 0.04).abs() < 1e-15));
 /// assert!(moment_arms(&lengths, 0.1, 4).iter().all(|r| (r - 0.04).abs() < 1e-14));

@@ -7,9 +7,15 @@
 //! motion. [`curve`] differentiates their lengths, and [`reference`] compares the result with
 //! tables.
 
-pub mod arms;
-pub mod curve;
-pub mod names;
-pub mod reference;
-pub mod shares;
-pub mod sweep;
+pub(crate) mod arms;
+pub(crate) mod curve;
+pub(crate) mod names;
+pub(crate) mod reference;
+pub(crate) mod shares;
+pub(crate) mod sweep;
+pub use names::means;
+
+pub use arms::Arms;
+pub use curve::{Roughness, extremes, moment_arms};
+pub use reference::{Comparison, ReferenceCurve, ReferenceError, Table};
+pub use sweep::{By, Crossing, Running, Sweep, SweepError};

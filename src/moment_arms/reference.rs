@@ -17,7 +17,7 @@ type Curve = Vec<(f64, f64)>;
 
 /// Curves of one muscle in one file.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reference {
+pub struct ReferenceCurve {
     /// Column names in the file.
     pub names: Vec<String>,
     curves: Vec<Curve>,
@@ -135,7 +135,11 @@ impl Table {
     ///
     /// # Errors
     /// A field that is no number, or a column without a unit.
-    pub fn of(&self, muscle: &str, coordinate: &str) -> Result<Option<Reference>, ReferenceError> {
+    pub fn of(
+        &self,
+        muscle: &str,
+        coordinate: &str,
+    ) -> Result<Option<ReferenceCurve>, ReferenceError> {
         let found = match self.column("bound") {
             Some(_) => self.bounds(muscle, coordinate)?,
             None => self.wide(muscle, coordinate)?,
@@ -210,7 +214,7 @@ impl Table {
         Ok(curve)
     }
 
-    fn wide(&self, muscle: &str, coordinate: &str) -> Result<Reference, ReferenceError> {
+    fn wide(&self, muscle: &str, coordinate: &str) -> Result<ReferenceCurve, ReferenceError> {
         let rows: Vec<_> = self.rows.iter().collect();
         let (mut names, mut curves) = (Vec::new(), Vec::new());
         // In a file of several coordinates each column name contains its coordinate.
@@ -232,10 +236,10 @@ impl Table {
             names.push(name.clone());
             curves.push(self.curve(&rows, 0, c)?);
         }
-        Ok(Reference { names, curves })
+        Ok(ReferenceCurve { names, curves })
     }
 
-    fn bounds(&self, muscle: &str, coordinate: &str) -> Result<Reference, ReferenceError> {
+    fn bounds(&self, muscle: &str, coordinate: &str) -> Result<ReferenceCurve, ReferenceError> {
         let header = || ReferenceError::Header(self.path.clone());
         let need = |name: &str| self.column(name).ok_or_else(header);
         let [of, about, bound] = [need("muscle")?, need("coordinate")?, need("bound")?];
@@ -263,7 +267,7 @@ impl Table {
                 curves.push(self.curve(&rows, angle, arm)?);
             }
         }
-        Ok(Reference { names, curves })
+        Ok(ReferenceCurve { names, curves })
     }
 }
 
@@ -283,7 +287,7 @@ pub struct Comparison {
     pub turned: bool,
 }
 
-impl Reference {
+impl ReferenceCurve {
     /// Lower and upper bound [m] at an angle \[rad\]; `None` outside the range of a curve.
     pub fn at(&self, angle: f64) -> Option<[f64; 2]> {
         let values: Vec<f64> = self

@@ -17,12 +17,12 @@ use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::max_or_nan;
 use crate::moment_arms::shares::{Distances, distances, shares};
-use crate::scene::{Area, Joint, Key, Minimisation, Motion, Scene, Solver};
+use crate::scene::{AreaSpec, Joint, Key, Minimisation, Motion, Scene, Solver};
 use crate::simulation::Stepper;
-use crate::simulation::tracked::{self, Parts, Tracked};
+use crate::simulation::tracked::{self, Tracked, TrackedParts};
 use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
-use crate::solvers::descent::Settings;
+use crate::solvers::descent::DescentSettings;
 use crate::solvers::sparse::FactorError;
 
 /// Greatest number of angles of a sweep.
@@ -66,7 +66,7 @@ pub struct Sweep {
     /// Number of frames from one value to the next.
     pub frames: u32,
     /// Settings of the fibres of each muscle.
-    pub fibres: harmonic::Options,
+    pub fibres: harmonic::HarmonicOptions,
     /// Stepper that moves the muscles.
     pub by: By,
 }
@@ -312,11 +312,11 @@ impl Running {
     fn record(&mut self) {
         let simulation = &self.simulation;
         let measures = simulation.measure();
-        let bones: Vec<audit::Bone<'_>> = (simulation.bones.iter().enumerate())
-            .map(|(b, mesh)| audit::Bone::new(mesh, simulation.surface(b)))
+        let bones: Vec<audit::AuditedBone<'_>> = (simulation.bones.iter().enumerate())
+            .map(|(b, mesh)| audit::AuditedBone::new(mesh, simulation.surface(b)))
             .collect();
         let frame = simulation.frame() as f64;
-        let posed: Vec<(&audit::Bone<'_>, Isometry3<f64>)> = bones
+        let posed: Vec<(&audit::AuditedBone<'_>, Isometry3<f64>)> = bones
             .iter()
             .enumerate()
             .map(|(b, bone)| (bone, simulation.pose(b, frame)))
@@ -476,7 +476,7 @@ fn prepare(
 fn hold_all(scene: &mut Scene) {
     scene.most_held = 1.0;
     let all = scene.muscles.iter_mut().flat_map(|m| &mut m.attachments);
-    all.filter(|a| matches!(a.area, Area::Patch { .. }))
+    all.filter(|a| matches!(a.area, AreaSpec::Patch { .. }))
         .for_each(|a| a.limit = 1.0);
 }
 
@@ -519,7 +519,7 @@ fn track(
     placed: &[PosedObstacle],
     turning: &[bool],
 ) -> Result<Vec<f64>, SweepError> {
-    let settings = Settings {
+    let settings = DescentSettings {
         tolerance: CORRECTION.tolerance,
         iterations: CORRECTION.iterations,
     };
@@ -527,7 +527,7 @@ fn track(
         muscle: body.name.clone(),
         error,
     };
-    let parts = Parts {
+    let parts = TrackedParts {
         edges: &body.edges,
         stiffness: vec![1.0; body.edges.len()],
         tracking: TRACKING,
@@ -548,7 +548,7 @@ fn track(
 fn cross(
     body: &Body,
     turning: &[bool],
-    options: harmonic::Options,
+    options: harmonic::HarmonicOptions,
 ) -> Result<Crossing, SweepError> {
     let muscle = body.name.clone();
     if body.rest.triangles.is_empty() || !Topology::new(&body.rest).is_closed() {

@@ -7,7 +7,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::align::{AlignError, Moving, move_features, nearest_rotation};
 use super::locate::{Located, Locator};
-use super::overlay::{Origin, Overlay, OverlayError};
+use super::overlay::{Overlay, OverlayError, OverlayOrigin};
 use super::pose::{InitialPose, Start, by_shape};
 use super::shape_similarity::{Match, ShapeSimilarity};
 use super::sphere::relaxation::{Effort, Relaxation};
@@ -18,7 +18,7 @@ use crate::progress::Progress;
 
 /// Method of the map to the sphere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Method {
+pub enum CorrespondenceMethod {
     /// The robust method, for bodies of any length.
     #[default]
     Robust,
@@ -48,9 +48,9 @@ pub enum Alike {
 
 /// Settings of a correspondence.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Settings {
+pub struct CorrespondenceSettings {
     /// Method of the map to the sphere.
-    pub method: Method,
+    pub method: CorrespondenceMethod,
     /// Vertices of the intermediate shapes.
     pub shared: Shared,
     /// Alignment of the maps without features.
@@ -94,7 +94,7 @@ pub enum CorrespondenceError {
 
 /// Time of each part [s].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Times {
+pub struct CorrespondenceTimes {
     /// Time of each map; both are computed in parallel.
     pub maps: [f64; 2],
     /// Time of the rotation and of the motion of features.
@@ -117,11 +117,11 @@ struct On {
 /// use pliant::mesh::measures::volume;
 /// use pliant::mesh::shapes::{box_surface, icosphere};
 /// use pliant::morph::blend::linear;
-/// use pliant::morph::correspondence::Settings;
+/// use pliant::morph::CorrespondenceSettings;
 /// use pliant::{Correspondence, Silent};
 ///
 /// let (ball, block) = (icosphere(0.5, 1), box_surface([2.0, 1.0, 1.0], 0.5));
-/// let both = Correspondence::new([&ball, &block], &[], &Settings::default(), &Silent)?;
+/// let both = Correspondence::new([&ball, &block], &[], &CorrespondenceSettings::default(), &Silent)?;
 /// let [first, second] = &both.places;
 /// assert!((volume(first, &both.triangles) - ball.volume()).abs() <= 1e-12);
 /// assert!((volume(second, &both.triangles) - block.volume()).abs() <= 1e-12);
@@ -149,7 +149,7 @@ pub struct Correspondence {
     /// Small rotation of the first map so that no vertex lies exactly on an edge \[rad\].
     pub turned: f64,
     /// Time of each part.
-    pub times: Times,
+    pub times: CorrespondenceTimes,
     on: [Vec<On>; 2],
 }
 
@@ -163,7 +163,7 @@ impl Correspondence {
     pub fn new(
         meshes: [&TriangleMesh; 2],
         pairs: &[[u32; 2]],
-        settings: &Settings,
+        settings: &CorrespondenceSettings,
         progress: &(dyn Progress + Sync),
     ) -> Result<Self, CorrespondenceError> {
         let goes_on = || {
@@ -177,9 +177,9 @@ impl Correspondence {
             || mapped(meshes[1], 1, settings),
         );
         let ((first, second), begun) = ((first?, second?), Instant::now());
-        let mut times = Times {
+        let mut times = CorrespondenceTimes {
             maps: [first.2, second.2],
-            ..Times::default()
+            ..CorrespondenceTimes::default()
         };
         let efforts = [first.1, second.1];
         goes_on()?;
@@ -274,13 +274,13 @@ type Mapped = (SphereMap, Option<Effort>, f64);
 fn mapped(
     mesh: &TriangleMesh,
     side: usize,
-    settings: &Settings,
+    settings: &CorrespondenceSettings,
 ) -> Result<Mapped, CorrespondenceError> {
     let begun = Instant::now();
     let of_side = |error| CorrespondenceError::Surface { side, error };
     let (map, effort) = match settings.method {
-        Method::Robust => (SphereMap::robust(mesh).map_err(of_side)?, None),
-        Method::Relaxation(how) => {
+        CorrespondenceMethod::Robust => (SphereMap::robust(mesh).map_err(of_side)?, None),
+        CorrespondenceMethod::Relaxation(how) => {
             let (map, effort) = how.map(mesh).map_err(of_side)?;
             (map, Some(effort))
         }
@@ -303,7 +303,7 @@ fn aligned(
     [first, second]: [SphereMap; 2],
     meshes: [&TriangleMesh; 2],
     pairs: &[[u32; 2]],
-    settings: &Settings,
+    settings: &CorrespondenceSettings,
 ) -> Result<Aligned, CorrespondenceError> {
     for pair in pairs {
         for (&vertex, map) in pair.iter().zip([&first, &second]) {
@@ -435,9 +435,13 @@ fn merged(maps: &[SphereMap; 2]) -> Result<Common, OverlayError> {
     let (mut on, mut kinds) = ([Vec::new(), Vec::new()], Vec::new());
     for origin in &origins {
         let (kind, both) = match origin {
-            Origin::First { vertex, on } => (0, [On::vertex(*vertex), On::located(&maps[1], on)]),
-            Origin::Second { vertex, on } => (1, [On::located(&maps[0], on), On::vertex(*vertex)]),
-            Origin::Crossing {
+            OverlayOrigin::First { vertex, on } => {
+                (0, [On::vertex(*vertex), On::located(&maps[1], on)])
+            }
+            OverlayOrigin::Second { vertex, on } => {
+                (1, [On::located(&maps[0], on), On::vertex(*vertex)])
+            }
+            OverlayOrigin::Crossing {
                 first,
                 along_first,
                 second,

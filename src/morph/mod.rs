@@ -6,16 +6,25 @@
 
 pub mod align;
 pub mod blend;
-pub mod correspondence;
-pub mod distortion;
-pub mod locate;
+pub(crate) mod correspondence;
+pub(crate) mod distortion;
+pub(crate) mod locate;
 mod oriented_point;
-pub mod overlay;
-pub mod pose;
+pub(crate) mod overlay;
+pub(crate) mod pose;
 pub mod register;
 mod shape_similarity;
 pub mod sphere;
 mod warp;
+
+pub use correspondence::{
+    Alike, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, CorrespondenceTimes,
+    Shared,
+};
+pub use distortion::area_shares;
+pub use locate::{Located, Locator};
+pub use overlay::{OverlayError, OverlayOrigin, arcs_cross};
+pub use pose::{Start, axes};
 
 pub use correspondence::Correspondence;
 pub use distortion::Distortion;

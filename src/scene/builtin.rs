@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::parse::{Surroundings, parse_content, parse_with, unknown_name};
 use super::spelling::shown_path;
 use super::{Content, Scene, Variables, no_variables};
@@ -172,7 +172,7 @@ pub fn find(name_or_path: &str) -> Result<Written, SceneError> {
         .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     if path.is_file() || ends_in_toml || (path.is_dir() && builtin(name_or_path).is_none()) {
         let text = read(path).map_err(|reason| {
-            let problem = Problem::MissingFile {
+            let problem = SceneProblem::MissingFile {
                 path: shown_path(path),
                 reason,
                 hint: NO_SCENE,

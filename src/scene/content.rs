@@ -2,10 +2,10 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Accuracy, Origin, Scene, Source};
+use super::{Accuracy, Scene, SceneOrigin, Source};
 use crate::mesh::repair;
 use crate::skin::ImplantSpec;
-use crate::skin::settle::Method;
+use crate::skin::settle::SettleMethod;
 use crate::springs::Neighbours;
 
 /// A checked scene of any kind.
@@ -47,7 +47,7 @@ impl Content {
     }
 
     /// Origin of the scene's text.
-    pub fn origin(&self) -> &Origin {
+    pub fn origin(&self) -> &SceneOrigin {
         match self {
             Self::Muscles(scene) => &scene.origin,
             Self::Skin(scene) => &scene.origin,
@@ -56,7 +56,7 @@ impl Content {
     }
 
     /// The same scene with another origin.
-    pub(super) fn with_origin(mut self, origin: Origin) -> Self {
+    pub(super) fn with_origin(mut self, origin: SceneOrigin) -> Self {
         *match &mut self {
             Self::Muscles(scene) => &mut scene.origin,
             Self::Skin(scene) => &mut scene.origin,
@@ -74,28 +74,28 @@ pub struct SkinScene {
     /// Number of frames after the start; frame 0 is the skin without implants.
     pub frames: usize,
     /// The skin.
-    pub skin: Skin,
+    pub skin: SkinSpec,
     /// The implants or the ball.
-    pub under: Under,
+    pub under: Support,
     /// Obstacles that support the implants and the lower layer of the skin.
-    pub obstacles: Vec<Obstacle>,
+    pub obstacles: Vec<ObstacleSpec>,
     /// Origin of the scene's text, for errors found in its meshes.
-    pub origin: Origin,
+    pub origin: SceneOrigin,
 }
 
 /// A skin.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Skin {
+pub struct SkinSpec {
     /// Name of the skin.
     pub name: String,
     /// Surface of the skin.
     pub surface: SkinSurface,
     /// Repair of the surface, lengths in metres; `None` for none.
-    pub repair: Option<repair::Options>,
+    pub repair: Option<repair::RepairOptions>,
     /// Stretch above which the result is a warning.
     pub stretch_limit: f64,
     /// Method of the equilibrium; `None` selects it by size.
-    pub method: Option<Method>,
+    pub method: Option<SettleMethod>,
 }
 
 /// Source of a skin's surface.
@@ -114,16 +114,16 @@ pub enum SkinSurface {
 
 /// The body that lifts a skin.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Under {
+pub enum Support {
     /// At least one implant.
-    Implants(Vec<Filled>),
+    Implants(Vec<ImplantFill>),
     /// A rigid ball that rises from below.
-    Ball(Ball),
+    Ball(BallSpec),
 }
 
 /// An implant with its volumes over time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Filled {
+pub struct ImplantFill {
     /// Name, unique among implants.
     pub name: String,
     /// Place, shape and the skin above; the volume is that of the last frame.
@@ -133,7 +133,7 @@ pub struct Filled {
     pub fill: Vec<(usize, f64)>,
 }
 
-impl Filled {
+impl ImplantFill {
     /// The volume at a frame [m^3].
     pub fn volume_at(&self, frame: usize) -> f64 {
         let mut before = (0, 0.0);
@@ -150,7 +150,7 @@ impl Filled {
 
 /// A rigid ball that rises from below.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Ball {
+pub struct BallSpec {
     /// Radius [m].
     pub radius: f64,
     /// Centre at the start [m]; `None` for contact with the skin from below.
@@ -163,13 +163,13 @@ pub struct Ball {
 
 /// A fixed body under the skin.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Obstacle {
+pub struct ObstacleSpec {
     /// Name, unique among obstacles.
     pub name: String,
     /// Surface of the obstacle.
     pub surface: Source,
     /// Repair of the surface, lengths in metres; `None` for none.
-    pub repair: Option<repair::Options>,
+    pub repair: Option<repair::RepairOptions>,
 }
 
 /// A box of points with springs: the bottom layer (along z) is fixed, the top layer is displaced
@@ -199,18 +199,18 @@ pub struct LatticeScene {
     /// Frame in which the top layer reaches its displacement and is released.
     pub release: usize,
     /// Origin of the scene's text.
-    pub origin: Origin,
+    pub origin: SceneOrigin,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::skin::plan::Place;
+    use crate::skin::plan::ImplantPlace;
 
     #[test]
     fn volumes_are_linear_between_the_frames_given() {
-        let order = ImplantSpec::round(Place::Vertex(0), 0.05, 30e-6);
-        let filled = Filled {
+        let order = ImplantSpec::round(ImplantPlace::Vertex(0), 0.05, 30e-6);
+        let filled = ImplantFill {
             name: "a".to_owned(),
             order,
             fill: vec![(2, 10e-6), (3, 30e-6), (5, 20e-6)],

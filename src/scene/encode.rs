@@ -1,19 +1,21 @@
 //! The encoding of scenes. Each structure is destructured field by field. A new field does not
 //! compile here until it is encoded or excluded explicitly.
 
-use super::content::{Ball, Filled, LatticeScene, Obstacle, Skin, SkinScene, SkinSurface, Under};
+use super::content::{
+    BallSpec, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
+};
 use super::effects::{EFFECTS, material_constants};
 use super::keys::KeyValue;
 use super::{
-    Accuracy, Area, Attachment, Bone, Capsule, Displacement, Effects, Force, Joint, Key, Mass,
-    Material, Motion, Muscle, Scene, Solver, Source,
+    Accuracy, AreaSpec, AttachmentSpec, BoneSpec, Capsule, Displacement, Effects, Joint, Key, Mass,
+    Material, Motion, Muscle, ScaleForce, Scene, Solver, Source,
 };
 use crate::encode::{Encode, Encoder};
 use crate::mesh::repair;
 use crate::skin::implant::Implant;
 use crate::skin::layers::Tissue;
-use crate::skin::plan::{ImplantSpec, Place};
-use crate::skin::settle::Method;
+use crate::skin::plan::{ImplantPlace, ImplantSpec};
+use crate::skin::settle::SettleMethod;
 use crate::springs::Neighbours;
 
 impl Encode for Scene {
@@ -93,7 +95,7 @@ impl Encode for Source {
     }
 }
 
-impl Encode for repair::Options {
+impl Encode for repair::RepairOptions {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self {
             merge_within,
@@ -106,7 +108,7 @@ impl Encode for repair::Options {
     }
 }
 
-impl Encode for Bone {
+impl Encode for BoneSpec {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self {
             name,
@@ -198,13 +200,13 @@ impl Encode for Material {
     }
 }
 
-impl Encode for Attachment {
+impl Encode for AttachmentSpec {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self { bone, area, limit } = self;
         to.field("bone", bone);
         match area {
-            Area::Near(within) => to.field("near", within),
-            Area::Patch {
+            AreaSpec::Near(within) => to.field("near", within),
+            AreaSpec::Patch {
                 source,
                 component,
                 within,
@@ -213,13 +215,13 @@ impl Encode for Attachment {
                 to.field("component", component);
                 to.field("within", within);
             }
-            Area::Vertices(vertices) => to.field("vertices", vertices),
+            AreaSpec::Vertices(vertices) => to.field("vertices", vertices),
         }
         to.field("limit", limit);
     }
 }
 
-impl Encode for Force {
+impl Encode for ScaleForce {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self { vertices, force } = self;
         to.field("vertices", vertices);
@@ -249,14 +251,14 @@ impl Encode for SkinScene {
         to.field("frames", frames);
         to.field("skin", skin);
         match under {
-            Under::Implants(implants) => to.field("implant", implants),
-            Under::Ball(ball) => to.field("ball", ball),
+            Support::Implants(implants) => to.field("implant", implants),
+            Support::Ball(ball) => to.field("ball", ball),
         }
         to.field("obstacle", obstacles);
     }
 }
 
-impl Encode for Skin {
+impl Encode for SkinSpec {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self {
             name,
@@ -276,14 +278,14 @@ impl Encode for Skin {
         to.field("repair", repair);
         to.field("stretch_limit", stretch_limit);
         let method = method.map(|method| match method {
-            Method::Newton => "newton",
-            Method::QuasiStatic => "l-bfgs",
+            SettleMethod::Newton => "newton",
+            SettleMethod::QuasiStatic => "l-bfgs",
         });
         to.field("method", &method);
     }
 }
 
-impl Encode for Filled {
+impl Encode for ImplantFill {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self { name, order, fill } = self;
         to.field("name", name);
@@ -292,7 +294,7 @@ impl Encode for Filled {
     }
 }
 
-impl Encode for Ball {
+impl Encode for BallSpec {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self {
             radius,
@@ -317,8 +319,8 @@ impl Encode for ImplantSpec {
             edge,
         } = self;
         match place {
-            Place::Vertex(vertex) => to.field("vertex", vertex),
-            Place::Point(point) => to.field("point", point),
+            ImplantPlace::Vertex(vertex) => to.field("vertex", vertex),
+            ImplantPlace::Point(point) => to.field("point", point),
         }
         let Implant {
             shape,
@@ -343,7 +345,7 @@ impl Encode for ImplantSpec {
     }
 }
 
-impl Encode for Obstacle {
+impl Encode for ObstacleSpec {
     fn encode(&self, to: &mut Encoder<'_>) {
         let Self {
             name,

@@ -9,7 +9,7 @@ use super::units::{Dimension, UnitError};
 
 /// Kinds of errors in a scene.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Problem {
+pub enum SceneProblem {
     /// E050: a quantity, or a mesh, without its unit.
     #[error("{found} has no unit")]
     UnitsRequired {
@@ -182,7 +182,7 @@ fn missing(path: &str, reason: Option<&str>) -> String {
     )
 }
 
-impl Problem {
+impl SceneProblem {
     pub(super) fn out_of_range(found: &str, allowed: &str) -> Self {
         Self::OutOfRange {
             found: format!("`{}`", shown(found)),
@@ -274,7 +274,7 @@ pub struct SceneError(Box<Placed>);
 
 #[derive(Clone)]
 struct Placed {
-    problem: Problem,
+    problem: SceneProblem,
     key: String,
     /// Name and text of the file or of the override.
     source: (Arc<str>, Arc<str>),
@@ -284,7 +284,7 @@ struct Placed {
 }
 
 impl SceneError {
-    pub(super) fn new(problem: Problem, key: &str, span: &Span, sources: &Sources) -> Self {
+    pub(super) fn new(problem: SceneProblem, key: &str, span: &Span, sources: &Sources) -> Self {
         let (name, text, span, own) = sources.locate(span);
         let before = text.get(..span.start).unwrap_or(&text);
         let column = before
@@ -307,7 +307,7 @@ impl SceneError {
     }
 
     /// An error of a name or a path outside any file.
-    pub(super) fn of_name(problem: Problem, name: &str) -> Self {
+    pub(super) fn of_name(problem: SceneProblem, name: &str) -> Self {
         let source = (Arc::from("SCENE"), Arc::from(name));
         Self(Box::new(Placed {
             problem,
@@ -319,7 +319,7 @@ impl SceneError {
     }
 
     /// An error in a scene without text.
-    pub(super) fn nowhere(problem: Problem, key: &str) -> Self {
+    pub(super) fn nowhere(problem: SceneProblem, key: &str) -> Self {
         let source = (Arc::from("scene"), Arc::from(""));
         Self(Box::new(Placed {
             problem,
@@ -332,7 +332,7 @@ impl SceneError {
 
     /// The problem.
     #[must_use]
-    pub fn problem(&self) -> &Problem {
+    pub fn problem(&self) -> &SceneProblem {
         &self.0.problem
     }
 

@@ -10,7 +10,7 @@ use super::parse::unknown_name;
 use super::reader::{Item, Section};
 use super::schema::Kind;
 use super::units::Dimension;
-use crate::constraints::Order;
+use crate::constraints::SweepOrder;
 
 /// The permitted range of a number in a scene. Every number must be finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,7 +35,7 @@ pub enum KeyValue {
     /// Three quantities.
     Vector(Vector3<f64>),
     /// The order of a sweep.
-    Order(Order),
+    Order(SweepOrder),
 }
 
 impl fmt::Display for KeyValue {
@@ -210,10 +210,10 @@ pub(super) fn read(keys: &[KeySpec], section: &Section<'_>) -> Result<Vec<KeyVal
         .collect()
 }
 
-fn order(item: &Item<'_>) -> Result<Order, SceneError> {
+fn order(item: &Item<'_>) -> Result<SweepOrder, SceneError> {
     let name = item.text("coloured")?;
-    let names = Order::NAMES.iter().map(|(known, _)| *known);
-    match Order::NAMES.iter().find(|(known, _)| *known == name) {
+    let names = SweepOrder::NAMES.iter().map(|(known, _)| *known);
+    match SweepOrder::NAMES.iter().find(|(known, _)| *known == name) {
         Some(&(_, order)) => Ok(order),
         None => item.fail(unknown_name("order", name, names)),
     }

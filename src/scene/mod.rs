@@ -5,16 +5,16 @@
 //! [`builtin`] contains the built-in scenes.
 
 pub mod builtin;
-pub mod content;
-pub mod effects;
+pub(crate) mod content;
+pub(crate) mod effects;
 mod encode;
-pub mod error;
+pub(crate) mod error;
 mod guess;
-pub mod keys;
-pub mod motion;
+pub(crate) mod keys;
+pub(crate) mod motion;
 mod origin;
-pub mod overrides;
-pub mod parse;
+pub(crate) mod overrides;
+pub(crate) mod parse;
 mod parse_effects;
 mod parse_lattice;
 mod parse_muscle;
@@ -22,21 +22,29 @@ mod parse_skin;
 mod paths;
 mod reader;
 mod schema;
-pub mod solvers;
+pub(crate) mod solvers;
 mod spelling;
-pub mod study;
+pub(crate) mod study;
 mod tree;
 pub mod units;
 
-pub use crate::constraints::Order;
+pub use content::{
+    BallSpec, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
+};
+pub use effects::{EFFECTS, MaterialSpec, material_constants};
+pub use keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
+pub use solvers::SOLVERS;
+pub use study::{Combine, StudyChange, Varied};
+
+pub use crate::constraints::SweepOrder;
 pub use content::Content;
 pub use effects::{Anisotropy, ContactEffect, EffectSpec, Effects, Mass, Material, Volume};
-pub use error::{Problem, SceneError};
+pub use error::{SceneError, SceneProblem};
 pub use guess::likely_units;
-pub use origin::Origin;
+pub use origin::SceneOrigin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
-pub use solvers::{Minimisation, Pbd, Question, Solver, SolverSpec, Xpbd};
+pub use solvers::{Minimisation, Pbd, Solver, SolverQuestion, SolverSpec, Xpbd};
 pub use study::StudyFile;
 
 use std::path::PathBuf;
@@ -58,7 +66,7 @@ pub struct Scene {
     /// Frames a second [1/s].
     pub frame_rate: f64,
     /// Rigid bodies with prescribed motions.
-    pub bones: Vec<Bone>,
+    pub bones: Vec<BoneSpec>,
     /// Covers of joints that muscles must not penetrate.
     pub capsules: Vec<Capsule>,
     /// Deformable bodies.
@@ -72,7 +80,7 @@ pub struct Scene {
     /// The accuracy that the user requests: solver and settings are then chosen automatically.
     pub accuracy: Option<Accuracy>,
     /// Origin of the scene's text, for errors found in its meshes.
-    pub origin: Origin,
+    pub origin: SceneOrigin,
 }
 
 /// A requested accuracy: the greatest root mean square error of the vertices of a frame.
@@ -110,13 +118,13 @@ pub enum Source {
 
 /// A rigid body with a prescribed motion.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Bone {
+pub struct BoneSpec {
     /// Name, unique among bones and capsules.
     pub name: String,
     /// Surface of the bone.
     pub surface: Source,
     /// Repair of the surface, lengths in metres; `None` for none.
-    pub repair: Option<repair::Options>,
+    pub repair: Option<repair::RepairOptions>,
     /// Motion; empty for a bone at rest.
     pub motion: Motion,
 }
@@ -178,35 +186,35 @@ pub struct Muscle {
     /// Surface of the muscle.
     pub surface: Source,
     /// Repair of the surface, lengths in metres; `None` for none.
-    pub repair: Option<repair::Options>,
+    pub repair: Option<repair::RepairOptions>,
     /// Target edge length \[m\]; `None` keeps the mesh unchanged.
     pub edge_length: Option<f64>,
     /// Material constants.
     pub material: Material,
     /// Attachments to bones.
-    pub attachments: Vec<Attachment>,
+    pub attachments: Vec<AttachmentSpec>,
     /// Polylines along the fibres.
     pub fibres: Option<Source>,
     /// Constant forces on chosen vertices.
-    pub forces: Vec<Force>,
+    pub forces: Vec<ScaleForce>,
     /// Displacement of chosen vertices at the start.
     pub displacements: Vec<Displacement>,
 }
 
 /// An attachment of a muscle to a bone.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Attachment {
+pub struct AttachmentSpec {
     /// Index of the bone.
     pub bone: usize,
     /// Attached vertices.
-    pub area: Area,
+    pub area: AreaSpec,
     /// Greatest share of the muscle's vertices, nearest first (0..1).
     pub limit: f64,
 }
 
 /// The vertices of an attachment.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Area {
+pub enum AreaSpec {
     /// All vertices within this distance of the bone's surface \[m\].
     Near(f64),
     /// All vertices within `within` \[m\] of a patch.
@@ -224,7 +232,7 @@ pub enum Area {
 
 /// A constant force on each vertex of a list.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Force {
+pub struct ScaleForce {
     /// Vertex indices.
     pub vertices: Vec<u32>,
     /// Force on each vertex \[N\].

@@ -3,7 +3,7 @@
 
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::reader::{Limit, Section};
 use super::units::Dimension;
 use super::{Joint, Key, Motion};
@@ -139,7 +139,7 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
     )?;
     let sections = section.sections("keys")?;
     if sections.is_empty() {
-        return keys.fail(Problem::EmptyList {
+        return keys.fail(SceneProblem::EmptyList {
             wanted: "at least one key".to_owned(),
         });
     }
@@ -152,7 +152,7 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
     for key in sections {
         let written = read_key(&key, axis)?;
         if written.angle != 0.0 && centre.is_none() {
-            return section.fail(Problem::missing(
+            return section.fail(SceneProblem::missing(
                 "centre",
                 "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`",
             ));
@@ -185,12 +185,12 @@ fn joint(
             centre: centre.into(),
             axis,
         })),
-        (None, _) if name.is_some() => section.fail(Problem::missing(
+        (None, _) if name.is_some() => section.fail(SceneProblem::missing(
             "centre",
             "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`",
         )),
         (_, None) if name.is_some() => {
-            section.fail(Problem::missing("axis", "`axis = [-1, 0, 0]`"))
+            section.fail(SceneProblem::missing("axis", "`axis = [-1, 0, 0]`"))
         }
         _ => Ok(None),
     }
@@ -206,7 +206,7 @@ fn read_key(key: &Section<'_>, axis: Option<Unit<Vector3<f64>>>) -> Result<Writt
         None => axis,
     };
     if axis.is_none() && (angle != 0.0 || slide != 0.0) {
-        return key.fail(Problem::missing(
+        return key.fail(SceneProblem::missing(
             "axis",
             "`axis = [-1, 0, 0]` to the motion",
         ));
@@ -233,7 +233,7 @@ fn between(
     motion: &mut Motion,
 ) -> Result<(), SceneError> {
     if after.frame <= before.frame {
-        let problem = Problem::KeysOutOfOrder {
+        let problem = SceneProblem::KeysOutOfOrder {
             frame: after.frame,
             before: before.frame,
         };
@@ -243,7 +243,7 @@ fn between(
         let relative = before.pose(centre).inverse() * after.pose(centre);
         let wide = before.angle.abs().max(after.angle.abs()) > std::f64::consts::PI;
         if wide || relative.rotation.angle() > CLEAR_TURN {
-            return section.fail(Problem::UnclearTurn {
+            return section.fail(SceneProblem::UnclearTurn {
                 why: "the axis changes and the turn is near half a turn or more",
             });
         }

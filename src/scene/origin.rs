@@ -3,26 +3,26 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::tree::{Node, Sources, Span, Value};
 
 /// The texts of a scene; none for a scene from code.
 #[derive(Clone, Default)]
-pub struct Origin(Option<Arc<Written>>);
+pub struct SceneOrigin(Option<Arc<Written>>);
 
 struct Written {
     document: Node,
     sources: Sources,
 }
 
-impl Origin {
+impl SceneOrigin {
     pub(super) fn new(document: Node, sources: Sources) -> Self {
         Self(Some(Arc::new(Written { document, sources })))
     }
 
     /// An error at a key such as `muscle.0.mesh`, or at its last part that the text contains.
     #[must_use]
-    pub fn error(&self, problem: Problem, key: &str) -> SceneError {
+    pub fn error(&self, problem: SceneProblem, key: &str) -> SceneError {
         match self.0.as_deref() {
             Some(Written { document, sources }) => {
                 SceneError::new(problem, key, &span_of(document, key), sources)
@@ -50,13 +50,13 @@ fn span_of(document: &Node, key: &str) -> Span {
 }
 
 /// Two scenes are equal for any texts.
-impl PartialEq for Origin {
+impl PartialEq for SceneOrigin {
     fn eq(&self, _: &Self) -> bool {
         true
     }
 }
 
-impl fmt::Debug for Origin {
+impl fmt::Debug for SceneOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.0.is_some() {
             "Origin(text)"

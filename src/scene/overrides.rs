@@ -10,7 +10,7 @@
 //! without required keys, and `solver=pbd` changes the solver.
 
 use super::effects::EffectSpec;
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::reader::unknown_key;
 use super::schema::{Kind, ROOT, Schema};
 use super::solvers::{SOLVERS, SolverSpec};
@@ -43,7 +43,7 @@ pub(super) fn apply(text: &str, document: &mut Node, sources: &mut Sources) -> D
     let malformed = |message: &str| {
         let hint = "write PATH=VALUE, for example effects.contact.friction=0.3".to_owned();
         SceneError::new(
-            Problem::Override {
+            SceneProblem::Override {
                 message: message.to_owned(),
                 hint,
             },
@@ -160,12 +160,12 @@ fn in_full(path: Vec<Segment>, root: &Table) -> Vec<Segment> {
 }
 
 impl Change<'_> {
-    fn fail(&self, problem: Problem, key: &str, span: &Span) -> Done {
+    fn fail(&self, problem: SceneProblem, key: &str, span: &Span) -> Done {
         Err(SceneError::new(problem, key, span, self.sources))
     }
 
     fn nowhere(&self, message: String, hint: String, key: &str, span: &Span) -> Done {
-        self.fail(Problem::Override { message, hint }, key, span)
+        self.fail(SceneProblem::Override { message, hint }, key, span)
     }
 
     /// Follows the path into a table.
@@ -336,7 +336,7 @@ impl Change<'_> {
 }
 
 /// Indices of the elements of a segment.
-fn chosen(list: &[Node], segment: &Segment) -> Result<Vec<usize>, Problem> {
+fn chosen(list: &[Node], segment: &Segment) -> Result<Vec<usize>, SceneProblem> {
     let text = segment.text.as_str();
     if !segment.quoted {
         if text == "*" {
@@ -346,7 +346,7 @@ fn chosen(list: &[Node], segment: &Segment) -> Result<Vec<usize>, Problem> {
             if index < list.len() {
                 return Ok(vec![index]);
             }
-            return Err(Problem::OutOfRange {
+            return Err(SceneProblem::OutOfRange {
                 found: format!("the number {index}"),
                 allowed: format!("a number below {}, they are counted from 0", list.len()),
             });
@@ -355,7 +355,7 @@ fn chosen(list: &[Node], segment: &Segment) -> Result<Vec<usize>, Problem> {
     let names: Vec<Option<&str>> = list.iter().map(name).collect();
     match names.iter().position(|n| *n == Some(text)) {
         Some(index) => Ok(vec![index]),
-        None => Err(Problem::UnknownName {
+        None => Err(SceneProblem::UnknownName {
             what: "element",
             name: shown(text),
             nearest: nearest(text, names.iter().copied().flatten()).map(shown),

@@ -18,17 +18,18 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
 use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
 use super::{
-    Bone, Capsule, Content, Origin, Scene, Source, motion, overrides, parse_effects, parse_lattice,
-    parse_muscle, parse_skin, paths,
+    BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, motion, overrides, parse_effects,
+    parse_lattice, parse_muscle, parse_skin, paths,
 };
-use crate::mesh::{repair, shapes};
+use crate::mesh::repair::{LONGEST_RIM, RepairOptions};
+use crate::mesh::shapes;
 
 /// Greatest length of a name [bytes]; names become parts of file names.
 const LONGEST_NAME: usize = 100;
@@ -59,7 +60,7 @@ impl<'a> Surroundings<'a> {
 /// Reads and checks a scene. `name` appears in messages; `folder` is the start of relative paths.
 ///
 /// # Errors
-/// The first error with its location; see [`Problem`].
+/// The first error with its location; see [`SceneProblem`].
 ///
 /// ```
 /// let text = "
@@ -83,7 +84,7 @@ pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Scene, SceneError>
 /// The same as [`parse`] with overrides and other variables.
 ///
 /// # Errors
-/// The first error with its location; see [`Problem`]. A scene without muscles is an error.
+/// The first error with its location; see [`SceneProblem`]. A scene without muscles is an error.
 pub fn parse_with(
     text: &str,
     name: &str,
@@ -98,7 +99,7 @@ pub fn parse_with(
 /// The same as [`parse_with`] for a scene of any kind.
 ///
 /// # Errors
-/// The first error with its location; see [`Problem`].
+/// The first error with its location; see [`SceneProblem`].
 pub fn parse_content(
     text: &str,
     name: &str,
@@ -129,14 +130,14 @@ pub fn parse_content(
         Kind::Skin => Content::Skin(Box::new(parse_skin::scene(&root, name)?)),
         Kind::Lattice => Content::Lattice(Box::new(parse_lattice::scene(&root, name)?)),
     };
-    Ok(content.with_origin(Origin::new(document, sources)))
+    Ok(content.with_origin(SceneOrigin::new(document, sources)))
 }
 
 fn scene_name(root: &Section<'_>, file_stem: &str) -> Result<String, SceneError> {
     match root.get("name") {
         Some(item) => checked_name(&item),
         None if name_fault(file_stem).is_none() => Ok(file_stem.to_owned()),
-        None => root.fail(Problem::missing("name", "`name = \"...\"`")),
+        None => root.fail(SceneProblem::missing("name", "`name = \"...\"`")),
     }
 }
 
@@ -163,7 +164,7 @@ fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
         (Kind::Lattice, [&MUSCLES, &SKIN, &[]])
     } else {
         return match SKIN.iter().find_map(|key| root.get(key)) {
-            Some(item) => item.fail(Problem::missing(
+            Some(item) => item.fail(SceneProblem::missing(
                 "skin",
                 "a section [[skin]], under which it goes",
             )),
@@ -181,7 +182,7 @@ fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
         let hint =
             "leave it out; for skin, `pliant accuracy` tells which `edge_length` keeps an error"
                 .to_owned();
-        return item.fail(Problem::Override { message, hint });
+        return item.fail(SceneProblem::Override { message, hint });
     }
     others
         .into_iter()
@@ -190,8 +191,8 @@ fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
     Ok(kind)
 }
 
-fn no_muscle() -> Problem {
-    Problem::missing("muscle", "a section [[muscle]]")
+fn no_muscle() -> SceneProblem {
+    SceneProblem::missing("muscle", "a section [[muscle]]")
 }
 
 fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
@@ -223,11 +224,11 @@ fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
             .get("accuracy")
             .map(|item| parse_effects::accuracy(&item))
             .transpose()?,
-        origin: Origin::default(),
+        origin: SceneOrigin::default(),
     })
 }
 
-fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<Bone>, SceneError> {
+fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<BoneSpec>, SceneError> {
     let mut bones = Vec::new();
     for section in root.sections("bone")? {
         let name = unique_name(&section, taken)?;
@@ -236,7 +237,7 @@ fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<Bone>, S
             Some(section) => motion::read(&section)?,
             None => super::Motion::default(),
         };
-        bones.push(Bone {
+        bones.push(BoneSpec {
             name,
             surface,
             repair,
@@ -277,12 +278,12 @@ fn capsules(
 
 /// The bones of a scene, with a fast lookup by name.
 pub(super) struct KnownBones<'a> {
-    bones: &'a [Bone],
+    bones: &'a [BoneSpec],
     index: HashMap<&'a str, usize>,
 }
 
 impl<'a> KnownBones<'a> {
-    fn of(bones: &'a [Bone]) -> Self {
+    fn of(bones: &'a [BoneSpec]) -> Self {
         let index = bones
             .iter()
             .enumerate()
@@ -316,8 +317,8 @@ pub(super) fn unknown_name<'a>(
     what: &'static str,
     name: &str,
     known: impl Iterator<Item = &'a str> + Clone,
-) -> Problem {
-    Problem::UnknownName {
+) -> SceneProblem {
+    SceneProblem::UnknownName {
         what,
         name: shown(name),
         nearest: nearest(name, known.clone()).map(shown),
@@ -339,7 +340,7 @@ pub(super) fn surface_of(section: &Section<'_>, shapes: &[&str]) -> Result<Sourc
     }
     match section.get("mesh") {
         Some(item) => file(&item, section),
-        None => section.fail(Problem::Missing {
+        None => section.fail(SceneProblem::Missing {
             what: "the surface".to_owned(),
             add: "`mesh = \"FILE\"` with its `unit`, or `shape = \"NAME\"`".to_owned(),
         }),
@@ -347,7 +348,7 @@ pub(super) fn surface_of(section: &Section<'_>, shapes: &[&str]) -> Result<Sourc
 }
 
 /// The repair of `repair` and its related keys.
-pub(super) fn repair(section: &Section<'_>) -> Result<Option<repair::Options>, SceneError> {
+pub(super) fn repair(section: &Section<'_>) -> Result<Option<RepairOptions>, SceneError> {
     section.exclusive("shape", "repair")?;
     let wanted = section
         .get("repair")
@@ -355,18 +356,18 @@ pub(super) fn repair(section: &Section<'_>) -> Result<Option<repair::Options>, S
     let more = ["close_holes", "keep_largest", "merge_within"];
     if !wanted {
         return match more.iter().find_map(|key| section.get(key)) {
-            Some(item) => item.fail(Problem::missing(
+            Some(item) => item.fail(SceneProblem::missing(
                 "repair",
                 "`repair = true`, which it is a part of",
             )),
             None => Ok(None),
         };
     }
-    let longest = u32::try_from(repair::LONGEST_RIM).unwrap_or(u32::MAX);
+    let longest = u32::try_from(LONGEST_RIM).unwrap_or(u32::MAX);
     let close_holes = section
         .get("close_holes")
         .map_or(Ok(0), |item| item.whole(0, longest))?;
-    Ok(Some(repair::Options {
+    Ok(Some(RepairOptions {
         merge_within: section.quantity_or(
             "merge_within",
             Dimension::Length,
@@ -393,7 +394,7 @@ pub(super) fn file_at(
     section: &Section<'_>,
 ) -> Result<Source, SceneError> {
     let Some(unit) = section.get("unit") else {
-        return item.fail(Problem::UnitsRequired {
+        return item.fail(SceneProblem::UnitsRequired {
             found: format!("`{}`", shown(text)),
             example: "`unit = \"m\"`, \"cm\" or \"mm\" below it".to_owned(),
             dimension: Dimension::Length,
@@ -425,14 +426,14 @@ pub(super) fn unique_name(
     if taken.insert(name.clone()) {
         Ok(name)
     } else {
-        item.fail(Problem::DuplicateName { name })
+        item.fail(SceneProblem::DuplicateName { name })
     }
 }
 
 pub(super) fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {
     let name = item.text("femur")?;
     match name_fault(name) {
-        Some(allowed) => item.fail(Problem::out_of_range(name, allowed)),
+        Some(allowed) => item.fail(SceneProblem::out_of_range(name, allowed)),
         None => Ok(name.to_owned()),
     }
 }

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::Origin;
+use super::SceneOrigin;
 use super::content::LatticeScene;
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::reader::{Limit, Section};
 use super::units::Dimension;
 use crate::springs::Neighbours;
@@ -23,7 +23,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
     let frames = root.need("frames", "120")?.whole(1, 10_000_000)? as usize;
     let frame_rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive)?;
     let Some(section) = root.section("lattice")? else {
-        return root.fail(Problem::missing("lattice", "a section [lattice]"));
+        return root.fail(SceneProblem::missing("lattice", "a section [lattice]"));
     };
     let item = section.need("points", "[12, 12, 12]")?;
     let counts = item.list("a list of three whole numbers such as [12, 12, 12]")?;
@@ -32,14 +32,14 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
         .map(|n| n.whole(2, 1024).map(|n| n as usize))
         .collect::<Read<_>>()?;
     let Ok(points) = <[usize; 3]>::try_from(points) else {
-        return item.fail(Problem::out_of_range(
+        return item.fail(SceneProblem::out_of_range(
             "the list",
             "three whole numbers: the points along x, y, z",
         ));
     };
     let count: usize = points.iter().product();
     if count > MOST_POINTS {
-        return item.fail(Problem::out_of_range(
+        return item.fail(SceneProblem::out_of_range(
             &format!("{count} points"),
             "at most 2000000 points in all",
         ));
@@ -49,7 +49,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
         Some(item) => match item.whole(6, 26)? {
             6 => Neighbours::Six,
             26 => Neighbours::TwentySix,
-            other => return item.fail(Problem::out_of_range(&other.to_string(), "6 or 26")),
+            other => return item.fail(SceneProblem::out_of_range(&other.to_string(), "6 or 26")),
         },
     };
     let release = section.get("release");
@@ -75,6 +75,6 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
             .get("drag")
             .map_or(Ok(Vector3::zeros()), |item| item.vector(Dimension::Length))?,
         release: at,
-        origin: Origin::default(),
+        origin: SceneOrigin::default(),
     })
 }

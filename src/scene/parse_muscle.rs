@@ -1,13 +1,13 @@
 //! Reads the sections `[[muscle]]`.
 
 use super::effects::material_constants;
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::keys::KeyValue;
 use super::parse::{KnownBones, file, file_at, repair, shape, surface};
 use super::reader::{Item, Limit, Section};
 use super::tree::Value;
 use super::units::Dimension;
-use super::{Area, Attachment, Displacement, Force, Mass, Material, Muscle, Source};
+use super::{AreaSpec, AttachmentSpec, Displacement, Mass, Material, Muscle, ScaleForce, Source};
 use crate::mesh::shapes;
 
 /// Default share of the vertices that an attachment may contain.
@@ -40,7 +40,7 @@ pub(super) fn muscle(
         let force = section
             .need("force", "[\"0 N\", \"-10 N\", \"0 N\"]")?
             .vector(Dimension::Force)?;
-        forces.push(Force { vertices, force });
+        forces.push(ScaleForce { vertices, force });
     }
     let mut displacements = Vec::new();
     for section in section.sections("displace")? {
@@ -52,10 +52,10 @@ pub(super) fn muscle(
     }
     let by_index = attachments
         .iter()
-        .any(|a| matches!(a.area, Area::Vertices(_)));
+        .any(|a| matches!(a.area, AreaSpec::Vertices(_)));
     if repair.is_some() && (by_index || !forces.is_empty() || !displacements.is_empty()) {
         // A repair can drop and add vertices, which would change the meaning of an index.
-        let problem = Problem::Conflict {
+        let problem = SceneProblem::Conflict {
             first: "repair".to_owned(),
             second: "vertices".to_owned(),
         };
@@ -96,25 +96,25 @@ fn material(section: &Section<'_>) -> Result<Material, SceneError> {
 fn attachments(
     muscle: &Section<'_>,
     bones: &KnownBones<'_>,
-) -> Result<Vec<Attachment>, SceneError> {
+) -> Result<Vec<AttachmentSpec>, SceneError> {
     let mut attachments = Vec::new();
     // Only lists can be checked here; areas need the mesh.
     let mut held = std::collections::HashMap::new();
     for section in muscle.sections("attachment")? {
         let bone = bones.named_by(&section)?;
         let area = area(&section)?;
-        if let Area::Vertices(vertices) = &area {
+        if let AreaSpec::Vertices(vertices) = &area {
             for &vertex in vertices {
                 if let Some(other) = held.insert(vertex, bone) {
                     let bone = bones.name(other).to_owned();
                     return section
                         .need("vertices", "[0]")?
-                        .fail(Problem::HeldTwice { vertex, bone });
+                        .fail(SceneProblem::HeldTwice { vertex, bone });
                 }
             }
         }
         let limit = section.get("limit").map_or(Ok(LIMIT), |i| share(&i))?;
-        attachments.push(Attachment { bone, area, limit });
+        attachments.push(AttachmentSpec { bone, area, limit });
     }
     Ok(attachments)
 }
@@ -129,13 +129,13 @@ pub(super) fn share(item: &Item<'_>) -> Result<f64, SceneError> {
         Value::Text(text) => text.clone(),
         _ => share.to_string(),
     };
-    item.fail(Problem::out_of_range(
+    item.fail(SceneProblem::out_of_range(
         &found,
         "a ratio greater than zero and at most 100 %",
     ))
 }
 
-fn area(section: &Section<'_>) -> Result<Area, SceneError> {
+fn area(section: &Section<'_>) -> Result<AreaSpec, SceneError> {
     for (first, second) in [
         ("near", "patch"),
         ("near", "vertices"),
@@ -147,10 +147,10 @@ fn area(section: &Section<'_>) -> Result<Area, SceneError> {
         return patch(&item, section);
     }
     let area = match (section.get("near"), section.get("vertices")) {
-        (Some(item), _) => Area::Near(item.quantity(Dimension::Length, Limit::NotNegative)?),
-        (None, Some(item)) => Area::Vertices(item.vertices()?),
+        (Some(item), _) => AreaSpec::Near(item.quantity(Dimension::Length, Limit::NotNegative)?),
+        (None, Some(item)) => AreaSpec::Vertices(item.vertices()?),
         (None, None) => {
-            return section.fail(Problem::Missing {
+            return section.fail(SceneProblem::Missing {
                 what: "the area of the attachment".to_owned(),
                 add: "`near = \"3 mm\"`, `patch = \"FILE\"` or `vertices = [0, 1]`".to_owned(),
             });
@@ -171,7 +171,7 @@ fn area(section: &Section<'_>) -> Result<Area, SceneError> {
 }
 
 /// `patch = "FILE#component"` with its `unit` and `within`.
-fn patch(item: &Item<'_>, section: &Section<'_>) -> Result<Area, SceneError> {
+fn patch(item: &Item<'_>, section: &Section<'_>) -> Result<AreaSpec, SceneError> {
     let text = item.text("FILE#0")?;
     let (path, component) = match text.rsplit_once('#') {
         None => (text, None),
@@ -179,13 +179,13 @@ fn patch(item: &Item<'_>, section: &Section<'_>) -> Result<Area, SceneError> {
             Ok(number) if number < u32::MAX as usize => (path, Some(number)),
             _ => {
                 let allowed = "the number of a component behind the `#`, 0 for the largest";
-                return item.fail(Problem::out_of_range(&format!("#{number}"), allowed));
+                return item.fail(SceneProblem::out_of_range(&format!("#{number}"), allowed));
             }
         },
     };
     let source = file_at(path, item, section)?;
     let within = section.need_quantity("within", Dimension::Length, Limit::NotNegative)?;
-    Ok(Area::Patch {
+    Ok(AreaSpec::Patch {
         source,
         component,
         within,
@@ -199,7 +199,7 @@ fn fibres(section: &Section<'_>, muscle: &Source) -> Result<Source, SceneError> 
         return file(&item, section);
     }
     let Some(item) = section.get("shape") else {
-        return section.fail(Problem::Missing {
+        return section.fail(SceneProblem::Missing {
             what: "the fibres' source".to_owned(),
             add: "`lines = \"FILE\"` with its `unit`, or `shape = true`".to_owned(),
         });
@@ -211,7 +211,7 @@ fn fibres(section: &Section<'_>, muscle: &Source) -> Result<Source, SceneError> 
         {
             Ok(muscle.clone())
         }
-        (Value::Boolean(_), _) => item.fail(Problem::OutOfRange {
+        (Value::Boolean(_), _) => item.fail(SceneProblem::OutOfRange {
             found: "this".to_owned(),
             allowed: format!(
                 "a text; only muscles of the shape {} have fibres of their own",

@@ -4,18 +4,20 @@ use std::collections::HashSet;
 
 use nalgebra::Point3;
 
-use super::content::{Ball, Filled, Obstacle, Skin, SkinScene, SkinSurface, Under};
-use super::error::{Problem, SceneError};
+use super::content::{
+    BallSpec, ImplantFill, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
+};
+use super::error::{SceneError, SceneProblem};
 use super::parse::{checked_name, repair, surface, surface_of, unique_name, unknown_name};
 use super::reader::{Item, Limit, Section};
 use super::units::Dimension;
-use super::{Origin, Source};
+use super::{SceneOrigin, Source};
 use crate::mesh::shapes;
 use crate::skin::implant::{Implant, SILICONE};
 use crate::skin::layers::Tissue;
-use crate::skin::plan::Place;
-use crate::skin::settle::Method;
-use crate::skin::{ImplantSpec, Shape};
+use crate::skin::plan::ImplantPlace;
+use crate::skin::settle::SettleMethod;
+use crate::skin::{BaseShape, ImplantSpec};
 
 type Read<T> = Result<T, SceneError>;
 
@@ -35,10 +37,10 @@ type Fill = Vec<(usize, f64)>;
 pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
     let sections = root.sections("skin")?;
     let Some(section) = sections.first() else {
-        return root.fail(Problem::missing("skin", "a section [[skin]]"));
+        return root.fail(SceneProblem::missing("skin", "a section [[skin]]"));
     };
     if let Some(second) = sections.get(1) {
-        return second.fail(Problem::out_of_range(
+        return second.fail(SceneProblem::out_of_range(
             "a second [[skin]]",
             "one skin a scene",
         ));
@@ -59,7 +61,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
         Some(section) => {
             root.exclusive("ball", "obstacle")?;
             (
-                Under::Ball(ball(&section, tissue, edge)?),
+                Support::Ball(ball(&section, tissue, edge)?),
                 frames.unwrap_or(1),
             )
         }
@@ -69,7 +71,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
     let mut obstacles = Vec::new();
     for section in root.sections("obstacle")? {
         let name = unique_name(&section, &mut taken)?;
-        obstacles.push(Obstacle {
+        obstacles.push(ObstacleSpec {
             name,
             surface: surface(&section)?,
             repair: repair(&section)?,
@@ -81,11 +83,11 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
         skin,
         under,
         obstacles,
-        origin: Origin::default(),
+        origin: SceneOrigin::default(),
     })
 }
 
-fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<Skin> {
+fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<SkinSpec> {
     let sheet = root.get("sheet");
     let found = surface_of(section, shapes::SKIN_NAMES)?;
     let surface = match (found, sheet, root.section("sheet")?) {
@@ -94,18 +96,18 @@ fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<Skin> {
             cells: sheet.need("cells", "64")?.whole(4, MOST_CELLS)?,
         },
         (Source::Shape(name), ..) if name == "sheet" => {
-            return section.fail(Problem::missing(
+            return section.fail(SceneProblem::missing(
                 "sheet",
                 "a section [sheet] with `side` and `cells`",
             ));
         }
         (_, Some(sheet), _) => {
             let (first, second) = ("sheet".to_owned(), "a skin of another shape".to_owned());
-            return sheet.fail(Problem::Conflict { first, second });
+            return sheet.fail(SceneProblem::Conflict { first, second });
         }
         (source, None, _) => SkinSurface::Source(source),
     };
-    Ok(Skin {
+    Ok(SkinSpec {
         name: section
             .get("name")
             .map_or(Ok("skin".to_owned()), |item| checked_name(&item))?,
@@ -123,10 +125,10 @@ fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<Skin> {
     })
 }
 
-fn method(item: &Item<'_>) -> Read<Method> {
-    const METHODS: [(&str, Method); 2] = [
-        ("newton", Method::Newton),
-        ("quasi_static", Method::QuasiStatic),
+fn method(item: &Item<'_>) -> Read<SettleMethod> {
+    const METHODS: [(&str, SettleMethod); 2] = [
+        ("newton", SettleMethod::Newton),
+        ("quasi_static", SettleMethod::QuasiStatic),
     ];
     named(item, "method", &METHODS)
 }
@@ -168,10 +170,10 @@ fn implants(
     tissue: Tissue,
     edge: Option<f64>,
     frames: Option<usize>,
-) -> Read<(Under, usize)> {
+) -> Read<(Support, usize)> {
     let sections = root.sections("implant")?;
     if sections.is_empty() {
-        return root.fail(Problem::missing(
+        return root.fail(SceneProblem::missing(
             "implant",
             "a section [[implant]], or a section [ball]",
         ));
@@ -199,13 +201,13 @@ fn implants(
             )],
         };
         let volume = fill.last().map_or(0.0, |(_, volume)| *volume);
-        all.push(Filled {
+        all.push(ImplantFill {
             name,
             order: order(section, tissue, edge, volume)?,
             fill,
         });
     }
-    Ok((Under::Implants(all), frames))
+    Ok((Support::Implants(all), frames))
 }
 
 /// The frames and volumes of `fill`, if present.
@@ -219,7 +221,7 @@ fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
         let at = key.need("frame", "1")?;
         let frame = at.whole(1, MOST_FRAMES)? as usize;
         if let Some((before, _)) = fill.last().filter(|(before, _)| *before >= frame) {
-            return at.fail(Problem::KeysOutOfOrder {
+            return at.fail(SceneProblem::KeysOutOfOrder {
                 frame: frame as f64,
                 before: *before as f64,
             });
@@ -230,7 +232,7 @@ fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
         ));
     }
     if fill.is_empty() {
-        return item.fail(Problem::EmptyList {
+        return item.fail(SceneProblem::EmptyList {
             wanted: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned(),
         });
     }
@@ -245,18 +247,18 @@ fn order(
 ) -> Read<ImplantSpec> {
     section.exclusive("at", "near_vertex")?;
     let place = match (section.get("at"), section.get("near_vertex")) {
-        (Some(item), _) => Place::Point(Point3::from(item.vector(Dimension::Length)?)),
-        (None, Some(item)) => Place::Vertex(item.whole(0, u32::MAX)? as usize),
+        (Some(item), _) => ImplantPlace::Point(Point3::from(item.vector(Dimension::Length)?)),
+        (None, Some(item)) => ImplantPlace::Vertex(item.whole(0, u32::MAX)? as usize),
         (None, None) => {
-            return section.fail(Problem::Missing {
+            return section.fail(SceneProblem::Missing {
                 what: "the place of the implant".to_owned(),
                 add: "`at = [\"0 mm\", \"0 mm\", \"0 mm\"]`, or `near_vertex = N`".to_owned(),
             });
         }
     };
-    let shape = section
-        .get("shape")
-        .map_or(Ok(Shape::Round), |item| named(&item, "shape", &Shape::ALL))?;
+    let shape = section.get("shape").map_or(Ok(BaseShape::Round), |item| {
+        named(&item, "shape", &BaseShape::ALL)
+    })?;
     let long = section
         .get("long")
         .map(|item| item.direction())
@@ -278,7 +280,7 @@ fn order(
     })
 }
 
-fn ball(section: &Section<'_>, tissue: Tissue, edge: Option<f64>) -> Read<Ball> {
+fn ball(section: &Section<'_>, tissue: Tissue, edge: Option<f64>) -> Read<BallSpec> {
     let radius = section.need_quantity("radius", Dimension::Length, Limit::Positive)?;
     let point = |item: Item<'_>| item.vector(Dimension::Length).map(Point3::from);
     let to = section
@@ -291,9 +293,9 @@ fn ball(section: &Section<'_>, tissue: Tissue, edge: Option<f64>) -> Read<Ball> 
     // The region is that of an implant as wide as the ball; its volume is not used.
     let order = ImplantSpec {
         edge,
-        ..ImplantSpec::round(Place::Point(to), 2.0 * radius, radius.powi(3))
+        ..ImplantSpec::round(ImplantPlace::Point(to), 2.0 * radius, radius.powi(3))
     };
-    Ok(Ball {
+    Ok(BallSpec {
         radius,
         from,
         to,

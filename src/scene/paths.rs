@@ -4,7 +4,7 @@
 use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 
-use super::error::Problem;
+use super::error::SceneProblem;
 use super::spelling::{shown, shown_path};
 
 /// Value of a variable at the start of a path in a scene. The library reads no environment; its
@@ -22,7 +22,7 @@ pub(super) fn resolve(
     text: &str,
     folder: &Path,
     variable: &dyn Fn(&str) -> Option<OsString>,
-) -> Result<PathBuf, Problem> {
+) -> Result<PathBuf, SceneProblem> {
     let (path, hint) = match text.strip_prefix('$') {
         Some(rest) => (
             with_variable(rest, variable)?,
@@ -36,7 +36,7 @@ pub(super) fn resolve(
     };
     let missing = |reason: Option<&str>| {
         let reason = reason.map(str::to_owned);
-        Problem::MissingFile {
+        SceneProblem::MissingFile {
             path: shown_path(&path),
             reason,
             hint,
@@ -54,7 +54,7 @@ pub(super) fn resolve(
 fn with_variable(
     rest: &str,
     variable: &dyn Fn(&str) -> Option<OsString>,
-) -> Result<PathBuf, Problem> {
+) -> Result<PathBuf, SceneProblem> {
     let (name, rest) = match rest.strip_prefix('{').and_then(|r| r.split_once('}')) {
         Some(split) => split,
         None => rest.split_at(rest.find('/').unwrap_or(rest.len())),
@@ -63,14 +63,14 @@ fn with_variable(
     // A name with `=` or NUL would cause another kind of error in the system.
     let value = if word { variable(name) } else { None };
     let Some(value) = value else {
-        return Err(Problem::UnsetVariable { name: shown(name) });
+        return Err(SceneProblem::UnsetVariable { name: shown(name) });
     };
     Ok(PathBuf::from(value).join(rest.trim_start_matches('/')))
 }
 
 /// A relative path that stays inside the folder, with any `..` in it.
-fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
-    let outside = || Problem::OutsideFolder {
+fn inside(text: &str, folder: &Path) -> Result<PathBuf, SceneProblem> {
+    let outside = || SceneProblem::OutsideFolder {
         path: shown_path(Path::new(text)),
     };
     let mut parts: Vec<&std::ffi::OsStr> = Vec::new();
@@ -95,7 +95,7 @@ fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
 mod tests {
     use super::*;
 
-    fn at(text: &str) -> Result<PathBuf, Problem> {
+    fn at(text: &str) -> Result<PathBuf, SceneProblem> {
         inside(text, Path::new("scenes"))
     }
 
@@ -106,7 +106,7 @@ mod tests {
         for text in ["../a.obj", "b/../../a.obj", ".."] {
             assert_eq!(
                 at(text),
-                Err(Problem::OutsideFolder {
+                Err(SceneProblem::OutsideFolder {
                     path: text.to_owned()
                 })
             );
@@ -132,7 +132,7 @@ mod tests {
         ] {
             assert_eq!(
                 with_variable(text, &variable),
-                Err(Problem::UnsetVariable {
+                Err(SceneProblem::UnsetVariable {
                     name: name.to_owned()
                 }),
                 "{text}"
@@ -150,18 +150,18 @@ mod tests {
         );
         assert!(matches!(
             resolve("src", here, &none),
-            Err(Problem::MissingFile {
+            Err(SceneProblem::MissingFile {
                 reason: Some(_),
                 ..
             })
         ));
         assert!(matches!(
             resolve("no.obj", here, &none),
-            Err(Problem::MissingFile { reason: None, .. })
+            Err(SceneProblem::MissingFile { reason: None, .. })
         ));
         assert!(matches!(
             resolve("a\0b", here, &none),
-            Err(Problem::MissingFile { .. })
+            Err(SceneProblem::MissingFile { .. })
         ));
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Unit, Vector3};
 
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 pub(super) use super::keys::Limit;
 use super::parse::Surroundings;
 use super::schema::{Kind, Schema};
@@ -59,16 +59,16 @@ type Read<T> = Result<T, SceneError>;
 
 impl<'a> Item<'a> {
     /// An error at this value.
-    pub(super) fn fail<T>(&self, problem: Problem) -> Read<T> {
+    pub(super) fn fail<T>(&self, problem: SceneProblem) -> Read<T> {
         Err(self.error(problem))
     }
 
-    pub(super) fn error(&self, problem: Problem) -> SceneError {
+    pub(super) fn error(&self, problem: SceneProblem) -> SceneError {
         SceneError::new(problem, &self.key, &self.node.span, self.context.sources)
     }
 
     fn wrong_type<T>(&self, wanted: impl Into<String>) -> Read<T> {
-        self.fail(Problem::WrongType {
+        self.fail(SceneProblem::WrongType {
             wanted: wanted.into(),
             found: self.node.value.kind().to_owned(),
         })
@@ -101,7 +101,7 @@ impl<'a> Item<'a> {
             Value::Text(text) => format!("`{}`", shown(text)),
             _ => format!("`{value}`"),
         };
-        self.fail(Problem::OutOfRange {
+        self.fail(SceneProblem::OutOfRange {
             found,
             allowed: limit.describe(what),
         })
@@ -122,7 +122,7 @@ impl<'a> Item<'a> {
                 .filter(|n| (low..=high).contains(n))
             {
                 Some(number) => Ok(number),
-                None => self.fail(Problem::out_of_range(&number.to_string(), &allowed)),
+                None => self.fail(SceneProblem::out_of_range(&number.to_string(), &allowed)),
             },
             _ => self.wrong_type(allowed),
         }
@@ -171,7 +171,7 @@ impl<'a> Item<'a> {
         );
         let largest = vector.amax();
         if largest == 0.0 {
-            return self.fail(Problem::OutOfRange {
+            return self.fail(SceneProblem::OutOfRange {
                 found: "`[0, 0, 0]`".to_owned(),
                 allowed: "a direction, one of whose numbers is not zero".to_owned(),
             });
@@ -188,7 +188,7 @@ impl<'a> Item<'a> {
             },
             other => other.kind().to_owned(),
         };
-        self.fail(Problem::WrongType {
+        self.fail(SceneProblem::WrongType {
             wanted: wanted.to_owned(),
             found,
         })
@@ -215,7 +215,7 @@ impl<'a> Item<'a> {
     pub(super) fn vertices(&self) -> Read<Vec<u32>> {
         let items = self.list("a list of vertices such as [0, 1]")?;
         if items.is_empty() {
-            return self.fail(Problem::EmptyList {
+            return self.fail(SceneProblem::EmptyList {
                 wanted: "at least one vertex".to_owned(),
             });
         }
@@ -224,7 +224,7 @@ impl<'a> Item<'a> {
         for item in items {
             let vertex = item.whole(0, u32::MAX)?;
             if !seen.insert(vertex) {
-                return item.fail(Problem::out_of_range(
+                return item.fail(SceneProblem::out_of_range(
                     &vertex.to_string(),
                     "each vertex once",
                 ));
@@ -262,14 +262,14 @@ impl<'a> Item<'a> {
 }
 
 /// The error for an unknown key of a table.
-pub(super) fn unknown_key(key: &str, schema: &Schema) -> Problem {
+pub(super) fn unknown_key(key: &str, schema: &Schema) -> SceneProblem {
     let names = schema.names();
     let known = if names.is_empty() {
         "none".to_owned()
     } else {
         schema.known()
     };
-    Problem::UnknownKey {
+    SceneProblem::UnknownKey {
         key: shown(key),
         nearest: nearest(key, names).map(str::to_owned),
         known,
@@ -278,7 +278,7 @@ pub(super) fn unknown_key(key: &str, schema: &Schema) -> Problem {
 
 impl<'a> Section<'a> {
     /// An error of the table as a whole.
-    pub(super) fn fail<T>(&self, problem: Problem) -> Read<T> {
+    pub(super) fn fail<T>(&self, problem: SceneProblem) -> Read<T> {
         Err(SceneError::new(
             problem,
             &self.key,
@@ -314,7 +314,7 @@ impl<'a> Section<'a> {
     pub(super) fn need(&self, key: &str, example: &str) -> Read<Item<'a>> {
         match self.get(key) {
             Some(item) => Ok(item),
-            None => self.fail(Problem::missing(key, format!("`{key} = {example}`"))),
+            None => self.fail(SceneProblem::missing(key, format!("`{key} = {example}`"))),
         }
     }
 
@@ -366,7 +366,7 @@ impl<'a> Section<'a> {
     /// Rejects the second of two keys that exclude each other.
     pub(super) fn exclusive(&self, first: &str, second: &str) -> Read<()> {
         match (self.get(first), self.get(second)) {
-            (Some(_), Some(item)) => item.fail(Problem::Conflict {
+            (Some(_), Some(item)) => item.fail(SceneProblem::Conflict {
                 first: first.to_owned(),
                 second: second.to_owned(),
             }),

@@ -3,7 +3,7 @@
 
 use super::keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
 use super::schema::Schema;
-use crate::constraints::Order;
+use crate::constraints::SweepOrder;
 
 /// How the motion is computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,7 +26,7 @@ pub struct Xpbd {
     /// Sweeps per step.
     pub iterations: u32,
     /// Order of a sweep.
-    pub order: Order,
+    pub order: SweepOrder,
     /// Largest relative residual at which a frame counts as converged.
     pub tolerance: f64,
 }
@@ -47,7 +47,7 @@ pub struct Pbd {
     /// Factor on velocities in each frame, 0..1.
     pub velocity_damping: f64,
     /// Order of a sweep.
-    pub order: Order,
+    pub order: SweepOrder,
     /// Largest relative residual at which a frame counts as converged.
     pub tolerance: f64,
 }
@@ -66,7 +66,7 @@ pub struct Minimisation {
 
 /// The problem that a solver solves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Question {
+pub enum SolverQuestion {
     /// The motion of the muscles in time, with mass and damping.
     Motion,
     /// The equilibrium of the muscles at each pose of the bones.
@@ -77,7 +77,7 @@ pub enum Question {
 enum Setting<'a> {
     Number(&'a mut f64),
     Whole(&'a mut u32),
-    Order(&'a mut Order),
+    Order(&'a mut SweepOrder),
 }
 
 impl Setting<'_> {
@@ -114,7 +114,7 @@ pub struct SolverSpec {
     /// The solver with its default settings.
     pub default: Solver,
     /// The problem that the solver solves; `None` for a solver that minimises no energy.
-    pub question: Option<Question>,
+    pub question: Option<SolverQuestion>,
     pub(super) schema: Schema,
     /// The settings of `keys`; `None` for another solver.
     settings: fn(&mut Solver) -> Option<Vec<Setting<'_>>>,
@@ -133,10 +133,10 @@ pub static SOLVERS: [SolverSpec; 4] = [
         default: Solver::Xpbd(Xpbd {
             substeps: 20,
             iterations: 1,
-            order: Order::Coloured,
+            order: SweepOrder::Coloured,
             tolerance: RESIDUAL,
         }),
-        question: Some(Question::Motion),
+        question: Some(SolverQuestion::Motion),
         schema: Schema::Keys(XPBD),
         settings: |solver| match solver {
             Solver::Xpbd(s) => Some(vec![
@@ -161,7 +161,7 @@ pub static SOLVERS: [SolverSpec; 4] = [
             bending: 0.9,
             volume: 1.0,
             velocity_damping: 0.99,
-            order: Order::Coloured,
+            order: SweepOrder::Coloured,
             tolerance: RESIDUAL,
         }),
         question: None,
@@ -187,7 +187,7 @@ pub static SOLVERS: [SolverSpec; 4] = [
         help: "Equilibrium at every frame, without mass and velocity.",
         keys: MINIMISATION,
         default: Solver::QuasiStatic(TO_TOLERANCE),
-        question: Some(Question::Equilibrium),
+        question: Some(SolverQuestion::Equilibrium),
         schema: Schema::Keys(MINIMISATION),
         settings: |solver| match solver {
             Solver::QuasiStatic(s) => Some(s.settings()),
@@ -201,7 +201,7 @@ pub static SOLVERS: [SolverSpec; 4] = [
         help: "Implicit Euler steps, each the minimum of energy and inertia.",
         keys: MINIMISATION,
         default: Solver::ImplicitEuler(TO_TOLERANCE),
-        question: Some(Question::Motion),
+        question: Some(SolverQuestion::Motion),
         schema: Schema::Keys(MINIMISATION),
         settings: |solver| match solver {
             Solver::ImplicitEuler(s) => Some(s.settings()),
@@ -358,17 +358,17 @@ impl Solver {
 
     /// Order of a sweep; a solver without sweeps has none.
     #[must_use]
-    pub fn order(&self) -> Order {
+    pub fn order(&self) -> SweepOrder {
         match self {
             Self::Xpbd(s) => s.order,
             Self::Pbd(s) => s.order,
-            Self::QuasiStatic(_) | Self::ImplicitEuler(_) => Order::default(),
+            Self::QuasiStatic(_) | Self::ImplicitEuler(_) => SweepOrder::default(),
         }
     }
 
     /// The same solver with another order of a sweep; `None` for a solver without sweeps.
     #[must_use]
-    pub fn with_order(self, order: Order) -> Option<Self> {
+    pub fn with_order(self, order: SweepOrder) -> Option<Self> {
         match self {
             Self::Xpbd(s) => Some(Self::Xpbd(Xpbd { order, ..s })),
             Self::Pbd(s) => Some(Self::Pbd(Pbd { order, ..s })),
@@ -389,12 +389,12 @@ impl Solver {
     /// Whether bodies have velocities and inertia.
     #[must_use]
     pub fn has_inertia(&self) -> bool {
-        self.question() != Some(Question::Equilibrium)
+        self.question() != Some(SolverQuestion::Equilibrium)
     }
 
     /// The problem that this solver solves; `None` for a solver that minimises no energy.
     #[must_use]
-    pub fn question(&self) -> Option<Question> {
+    pub fn question(&self) -> Option<SolverQuestion> {
         self.spec().question
     }
 
@@ -417,7 +417,7 @@ impl Solver {
     }
 }
 
-impl Question {
+impl SolverQuestion {
     /// The problem that `solver` solves; `None` for a solver that minimises no energy.
     #[must_use]
     pub fn of(solver: &Solver) -> Option<Self> {
@@ -471,12 +471,12 @@ fn small_steps(solver: &Solver) -> Vec<Solver> {
     };
     let mut all = Vec::new();
     for substeps in [2, 4, 8, 16, 32, 64, 128, 256] {
-        all.push(settings(substeps, 1, Order::Coloured));
+        all.push(settings(substeps, 1, SweepOrder::Coloured));
     }
     for substeps in [8, 16, 32] {
-        all.push(settings(substeps, 4, Order::Coloured));
+        all.push(settings(substeps, 4, SweepOrder::Coloured));
     }
-    all.push(settings(32, 1, Order::Stored));
+    all.push(settings(32, 1, SweepOrder::Stored));
     all.extend(own);
     all
 }
@@ -492,7 +492,7 @@ fn equilibria(_: &Solver) -> Vec<Solver> {
         }));
     }
     for tolerance in [1e-2, 3e-3, 1e-3, 3e-4, 1e-4] {
-        all.push(Question::Equilibrium.minimised(1, tolerance));
+        all.push(SolverQuestion::Equilibrium.minimised(1, tolerance));
     }
     all
 }
@@ -501,7 +501,7 @@ fn implicit_steps(_: &Solver) -> Vec<Solver> {
     let mut all = Vec::new();
     for substeps in [1, 2, 4] {
         for tolerance in [1e-2, 1e-3, 1e-4] {
-            all.push(Question::Motion.minimised(substeps, tolerance));
+            all.push(SolverQuestion::Motion.minimised(substeps, tolerance));
         }
     }
     all
@@ -521,7 +521,7 @@ mod tests {
                 match value {
                     KeyValue::Number(number) => *number *= 0.5,
                     KeyValue::Whole(number) => *number += 1,
-                    KeyValue::Order(order) => *order = Order::Reversed,
+                    KeyValue::Order(order) => *order = SweepOrder::Reversed,
                     KeyValue::Vector(vector) => *vector *= 2.0,
                 }
             }

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use super::Content;
 use super::builtin::{self, Written};
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknown_name};
 use super::paths::Variables;
 use super::reader::{Context, Item, Section};
@@ -42,7 +42,7 @@ const ANY: Schema = Schema::Listed(&[]);
 
 /// One change of the scene, `KEY=VALUE` as after `--set`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Change {
+pub struct StudyChange {
     /// The key.
     pub key: String,
     /// The value, in one line.
@@ -50,7 +50,7 @@ pub struct Change {
     span: Span,
 }
 
-impl Change {
+impl StudyChange {
     fn text(&self) -> String {
         format!("{}={}", self.key, self.value)
     }
@@ -62,7 +62,7 @@ pub struct Varied {
     /// The key.
     pub key: String,
     /// At least one value, without duplicates.
-    pub values: Vec<Change>,
+    pub values: Vec<StudyChange>,
 }
 
 /// A study file, checked as far as possible without the scene's meshes.
@@ -79,11 +79,11 @@ pub struct StudyFile {
     /// Rule to combine the lists.
     pub combine: Combine,
     /// Changes of every combination.
-    pub set: Vec<Change>,
+    pub set: Vec<StudyChange>,
     /// Varied keys, at least one.
     pub vary: Vec<Varied>,
     /// Changes of each combination that give its reference run; empty for no comparison.
-    pub reference: Vec<Change>,
+    pub reference: Vec<StudyChange>,
     /// Changes from the command line, applied after those of `set`.
     more: Vec<String>,
     /// What paths of the scene may begin with.
@@ -119,7 +119,7 @@ impl StudyFile {
         let text = builtin::read(file).map_err(|reason| {
             let hint = "name a study file";
             SceneError::of_name(
-                Problem::MissingFile {
+                SceneProblem::MissingFile {
                     path: shown_path(file),
                     reason,
                     hint,
@@ -165,7 +165,7 @@ impl StudyFile {
         let name = match root.get("name") {
             Some(item) => checked_name(&item)?,
             None if name_fault(stem).is_none() => stem.to_owned(),
-            None => return root.fail(Problem::missing("name", "`name = \"...\"`")),
+            None => return root.fail(SceneProblem::missing("name", "`name = \"...\"`")),
         };
         let scene = root.need("scene", "\"press\"` or `scene = \"scene.toml\"")?;
         let frames = root.get("frames").map(|item| frames(&item)).transpose()?;
@@ -213,7 +213,7 @@ impl StudyFile {
                     .to_owned();
             let hint = "leave it out, with `accuracy = \"off\"` below [set]".to_owned();
             return Err(self.error(
-                Problem::Override { message, hint },
+                SceneProblem::Override { message, hint },
                 "accuracy",
                 &self.at.scene,
             ));
@@ -237,7 +237,7 @@ impl StudyFile {
     ///
     /// # Errors
     /// The errors of the scene, with the place of the value in the study file.
-    pub fn scene_with(&self, changes: &[&Change]) -> Read<Content> {
+    pub fn scene_with(&self, changes: &[&StudyChange]) -> Read<Content> {
         let scene = self
             .parsed(changes)
             .map_err(|error| self.placed(error, changes))?;
@@ -247,8 +247,8 @@ impl StudyFile {
         }
     }
 
-    fn parsed(&self, changes: &[&Change]) -> Read<Content> {
-        let mut overrides: Vec<String> = self.set.iter().map(Change::text).collect();
+    fn parsed(&self, changes: &[&StudyChange]) -> Read<Content> {
+        let mut overrides: Vec<String> = self.set.iter().map(StudyChange::text).collect();
         overrides.extend(self.more.iter().cloned());
         overrides.extend(changes.iter().map(|c| c.text()));
         let Written { text, name, folder } = &self.written;
@@ -261,7 +261,7 @@ impl StudyFile {
     }
 
     /// An error of a scene, moved to the value of this file that causes it, if known.
-    fn placed(&self, error: SceneError, changes: &[&Change]) -> SceneError {
+    fn placed(&self, error: SceneError, changes: &[&StudyChange]) -> SceneError {
         // Errors of the scene's own text that only appear with these changes name the changes.
         if error.place().is_some() && !changes.is_empty() {
             return self.refused(changes, &error.terse());
@@ -274,7 +274,7 @@ impl StudyFile {
     }
 
     /// The error of a combination that the scene or its meshes reject, at the first of its values.
-    pub fn refused(&self, changes: &[&Change], why: &str) -> SceneError {
+    pub fn refused(&self, changes: &[&StudyChange], why: &str) -> SceneError {
         let span = changes.first().map_or(&self.at.vary, |c| &c.span);
         let all: Vec<String> = changes
             .iter()
@@ -287,18 +287,18 @@ impl StudyFile {
         };
         let message = format!("the scene cannot be run {with}: {why}");
         let hint = "change one of these values, or the scene".to_owned();
-        self.error(Problem::Override { message, hint }, "vary", span)
+        self.error(SceneProblem::Override { message, hint }, "vary", span)
     }
 
     fn beyond(&self, frame: usize, last: usize) -> SceneError {
-        let problem = Problem::OutOfRange {
+        let problem = SceneProblem::OutOfRange {
             found: format!("frame {frame}"),
             allowed: format!("frames from 0 to {last}, the last of the scene"),
         };
         self.error(problem, "frames", &self.at.frames)
     }
 
-    fn error(&self, problem: Problem, key: &str, span: &Span) -> SceneError {
+    fn error(&self, problem: SceneProblem, key: &str, span: &Span) -> SceneError {
         SceneError::new(problem, key, span, &self.sources)
     }
 
@@ -309,7 +309,7 @@ impl StudyFile {
             if let Some(varied) = self.vary.iter().find(|v| v.key == key) {
                 let span = varied.values.first().map_or(&self.at.vary, |c| &c.span);
                 return Err(self.error(
-                    Problem::DuplicateKey { key: shown(key) },
+                    SceneProblem::DuplicateKey { key: shown(key) },
                     "the changes and `vary`",
                     span,
                 ));
@@ -337,12 +337,12 @@ fn find(item: &Item<'_>, folder: &Path) -> Read<Written> {
 fn frames(item: &Item<'_>) -> Read<Vec<usize>> {
     let items = item.list("a list of frames such as [1, 50, 100]")?;
     if items.is_empty() {
-        return item.fail(Problem::EmptyList {
+        return item.fail(SceneProblem::EmptyList {
             wanted: "at least one frame".to_owned(),
         });
     }
     if items.len() > MOST_FRAMES {
-        return item.fail(Problem::OutOfRange {
+        return item.fail(SceneProblem::OutOfRange {
             found: format!("a list of {} frames", items.len()),
             allowed: format!("at most {MOST_FRAMES}: each is a column of the sheet"),
         });
@@ -351,7 +351,10 @@ fn frames(item: &Item<'_>) -> Read<Vec<usize>> {
     for item in items {
         let frame = item.whole(0, 10_000_000)? as usize;
         if frames.contains(&frame) {
-            return item.fail(Problem::out_of_range(&frame.to_string(), "each frame once"));
+            return item.fail(SceneProblem::out_of_range(
+                &frame.to_string(),
+                "each frame once",
+            ));
         }
         frames.push(frame);
     }
@@ -367,7 +370,7 @@ fn known(item: &Item<'_>, measures: &[&str]) -> Read<Vec<String>> {
             return item.fail(unknown_name("measure", name, measures.iter().copied()));
         }
         if chosen.iter().any(|c| c == name) {
-            return item.fail(Problem::DuplicateName {
+            return item.fail(SceneProblem::DuplicateName {
                 name: name.to_owned(),
             });
         }
@@ -392,12 +395,12 @@ fn combine(item: &Item<'_>) -> Read<Combine> {
 }
 
 /// The changes of a section with possibly dotted keys.
-fn changes(root: &Section<'_>, key: &str) -> Read<Vec<Change>> {
+fn changes(root: &Section<'_>, key: &str) -> Read<Vec<StudyChange>> {
     let Some(item) = root.get(key) else {
         return Ok(Vec::new());
     };
     let leaf = |node: &Node| !matches!(&node.value, Value::Table(t) if !t.entries.is_empty());
-    let mut all: Vec<Change> = Vec::new();
+    let mut all: Vec<StudyChange> = Vec::new();
     for (key, span, node) in leaves(&item, &leaf)? {
         let item = Item {
             key: format!("{}.{key}", item.key),
@@ -406,7 +409,7 @@ fn changes(root: &Section<'_>, key: &str) -> Read<Vec<Change>> {
         };
         if all.iter().any(|c| c.key == key) {
             return Err(SceneError::new(
-                Problem::DuplicateKey { key: shown(&key) },
+                SceneProblem::DuplicateKey { key: shown(&key) },
                 &item.key,
                 &span,
                 item.context.sources,
@@ -417,7 +420,7 @@ fn changes(root: &Section<'_>, key: &str) -> Read<Vec<Change>> {
     Ok(all)
 }
 
-fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>> {
+fn varied(item: &Item<'_>, combine: Combine, set: &[StudyChange]) -> Read<Vec<Varied>> {
     let leaf = |node: &Node| !matches!(node.value, Value::Table(_));
     let mut all: Vec<Varied> = Vec::new();
     for (key, span, node) in leaves(item, &leaf)? {
@@ -429,7 +432,7 @@ fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>
         // With one change at a time, the fixed value is that of all other runs.
         let fixed = combine == Combine::All && set.iter().any(|c| c.key == key);
         if fixed || all.iter().any(|v| v.key == key) {
-            let problem = Problem::DuplicateKey { key: shown(&key) };
+            let problem = SceneProblem::DuplicateKey { key: shown(&key) };
             return Err(SceneError::new(
                 problem,
                 &list.key,
@@ -439,22 +442,22 @@ fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>
         }
         let items = list.list("a list of values such as [1, 3, 10]")?;
         if items.is_empty() {
-            return list.fail(Problem::EmptyList {
+            return list.fail(SceneProblem::EmptyList {
                 wanted: "at least one value".to_owned(),
             });
         }
-        let mut values: Vec<Change> = Vec::new();
+        let mut values: Vec<StudyChange> = Vec::new();
         for value in items {
             let change = change(key.clone(), &value)?;
             if values.iter().any(|v| v.value == change.value) {
-                return value.fail(Problem::out_of_range(&change.value, "each value once"));
+                return value.fail(SceneProblem::out_of_range(&change.value, "each value once"));
             }
             values.push(change);
         }
         all.push(Varied { key, values });
     }
     if all.is_empty() {
-        return item.fail(Problem::missing(
+        return item.fail(SceneProblem::missing(
             "vary",
             "a key with its values: `\"KEY\" = [VALUE, VALUE]`",
         ));
@@ -480,7 +483,7 @@ fn count(item: &Item<'_>, combine: Combine, vary: &[Varied]) -> Read<()> {
     let allowed = format!(
         "lists with at most {MOST_COMBINATIONS} combinations, or `combine = \"one at a time\"`"
     );
-    item.fail(Problem::OutOfRange { found, allowed })
+    item.fail(SceneProblem::OutOfRange { found, allowed })
 }
 
 /// A key, its place, and the value at it.
@@ -489,7 +492,7 @@ type Leaf<'a> = (String, Span, &'a Node);
 /// The values of a section with their complete keys.
 fn leaves<'a>(item: &Item<'a>, is_leaf: &dyn Fn(&Node) -> bool) -> Read<Vec<Leaf<'a>>> {
     let Value::Table(table) = &item.node.value else {
-        return item.fail(Problem::WrongType {
+        return item.fail(SceneProblem::WrongType {
             wanted: format!("a section [{}]", item.key),
             found: item.node.value.kind().to_owned(),
         });
@@ -519,14 +522,14 @@ fn gather<'a>(
     }
 }
 
-fn change(key: String, item: &Item<'_>) -> Read<Change> {
+fn change(key: String, item: &Item<'_>) -> Read<StudyChange> {
     let value = match &item.node.value {
         Value::Text(text) => text.trim().to_owned(),
         other => match toml_of(other) {
             Some(text) => text,
             None => {
                 let wanted = "a number, a text, true or false, a list, or a table".to_owned();
-                return item.fail(Problem::WrongType {
+                return item.fail(SceneProblem::WrongType {
                     wanted,
                     found: "a date or time".to_owned(),
                 });
@@ -534,12 +537,12 @@ fn change(key: String, item: &Item<'_>) -> Read<Change> {
         },
     };
     if value.is_empty() || value.chars().any(char::is_control) {
-        return item.fail(Problem::out_of_range(
+        return item.fail(SceneProblem::out_of_range(
             &value,
             "a text of one line that is not empty",
         ));
     }
-    Ok(Change {
+    Ok(StudyChange {
         key,
         value,
         span: item.node.span.clone(),

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, de::DeInteger};
 
-use super::error::{Problem, SceneError};
+use super::error::{SceneError, SceneProblem};
 use super::spelling::shown;
 
 /// Greatest depth of nested values.
@@ -191,9 +191,9 @@ fn syntax(error: &toml::de::Error, text: &str, sources: &Sources) -> SceneError 
     let span = error.span().unwrap_or(0..0);
     let found = text.get(span.clone()).unwrap_or_default();
     let problem = match error.message() {
-        "duplicate key" => Problem::DuplicateKey { key: shown(found) },
-        message if message.contains("recursion") => Problem::TooDeep { deepest: DEEPEST },
-        message => Problem::Syntax {
+        "duplicate key" => SceneProblem::DuplicateKey { key: shown(found) },
+        message if message.contains("recursion") => SceneProblem::TooDeep { deepest: DEEPEST },
+        message => SceneProblem::Syntax {
             message: message.to_owned(),
         },
     };
@@ -209,14 +209,14 @@ fn convert(
     let span = from.span().start + offset..from.span().end + offset;
     let fail = |problem| Err(SceneError::new(problem, "", &span, sources));
     if depth > DEEPEST {
-        return fail(Problem::TooDeep { deepest: DEEPEST });
+        return fail(SceneProblem::TooDeep { deepest: DEEPEST });
     }
     let value = match from.get_ref() {
         DeValue::String(text) => Value::Text(text.to_string()),
         DeValue::Integer(number) => match whole(number) {
             Some(number) => Value::Integer(number),
             None => {
-                return fail(Problem::out_of_range(
+                return fail(SceneProblem::out_of_range(
                     &number.to_string(),
                     "a whole number of at most 63 bits",
                 ));
@@ -224,7 +224,7 @@ fn convert(
         },
         DeValue::Float(number) => match number.as_str().parse() {
             Ok(number) => Value::Float(number),
-            Err(_) => return fail(Problem::out_of_range(number.as_str(), "a number")),
+            Err(_) => return fail(SceneProblem::out_of_range(number.as_str(), "a number")),
         },
         DeValue::Boolean(flag) => Value::Boolean(*flag),
         DeValue::Datetime(_) => Value::Date,

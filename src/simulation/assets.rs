@@ -10,7 +10,7 @@ use super::ready::Ready;
 use crate::io::{self, MeshFile};
 use crate::mesh::topology::Topology;
 use crate::mesh::{TriangleMesh, refine, repair, shapes};
-use crate::scene::{Area, Scene, Source};
+use crate::scene::{AreaSpec, Scene, Source};
 
 /// A muscle as read from its source.
 #[derive(Clone, Debug)]
@@ -93,7 +93,7 @@ fn surface(
 /// The mesh after the repair of the scene, if any, with notes on every change.
 pub(super) fn mended(
     mesh: TriangleMesh,
-    options: Option<&repair::Options>,
+    options: Option<&repair::RepairOptions>,
     notes: &mut Vec<String>,
 ) -> TriangleMesh {
     let Some(options) = options else { return mesh };
@@ -209,8 +209,8 @@ fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), Loa
 
 fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
     let muscle = &scene.muscles[m];
-    let patch = |(a, area): (usize, &Area)| match area {
-        Area::Patch {
+    let patch = |(a, area): (usize, &AreaSpec)| match area {
+        AreaSpec::Patch {
             source, component, ..
         } => {
             let part = format!("attachment of muscle `{}`", muscle.name);
@@ -225,7 +225,7 @@ fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, Lo
                 .ok_or_else(missing)
                 .map(Some)
         }
-        Area::Near(_) | Area::Vertices(_) => Ok(None),
+        AreaSpec::Near(_) | AreaSpec::Vertices(_) => Ok(None),
     };
     muscle
         .attachments

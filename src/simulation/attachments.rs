@@ -1,8 +1,6 @@
 //! Attached vertices of a muscle, with their bones.
 
-use nalgebra::Point3;
-
-use crate::contact::{Obstacle, Projection, Surface};
+use crate::contact::Projection;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::{NONE, Topology};
 
@@ -35,20 +33,8 @@ pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<Triangle
     })
 }
 
-/// Vertices within `within` [m] of a surface (inside counts as 0), nearest first, at most the share
-/// `limit` of all.
-pub fn nearest(
-    x: &[Point3<f64>],
-    surface: &Surface,
-    solid: bool,
-    within: f64,
-    limit: f64,
-) -> Vec<u32> {
-    let closest: Vec<Option<Projection>> = x.iter().map(|p| surface.closest(p)).collect();
-    among(&closest, solid, within, limit)
-}
-
-/// The same as [`nearest`], from the closest point of the surface to each vertex.
+/// Vertices within `within` [m] of a surface (inside counts as 0 if it is solid), nearest first, at
+/// most the share `limit` of all. `closest` has the closest point of the surface to each vertex.
 pub fn among(closest: &[Option<Projection>], solid: bool, within: f64, limit: f64) -> Vec<u32> {
     let mut found: Vec<(f64, u32)> = closest
         .iter()
@@ -87,7 +73,9 @@ pub fn join(choices: &[(usize, Vec<u32>)]) -> Vec<Attached> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::{Obstacle, Surface};
     use crate::mesh::shapes::icosphere;
+    use nalgebra::Point3;
 
     #[test]
     fn limit_takes_the_nearest() {
@@ -95,8 +83,10 @@ mod tests {
         let x: Vec<Point3<f64>> = (0..20)
             .map(|k| Point3::new(1.0 + 0.01 * f64::from(k), 0.0, 0.0))
             .collect();
-        assert_eq!(nearest(&x, &surface, true, 0.055, 1.0), [0, 1, 2, 3, 4, 5]);
-        assert_eq!(nearest(&x, &surface, true, 0.5, 0.1), [0, 1]);
+        let closest: Vec<Option<Projection>> = x.iter().map(|p| surface.closest(p)).collect();
+        let nearest = |within, limit| among(&closest, true, within, limit);
+        assert_eq!(nearest(0.055, 1.0), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(nearest(0.5, 0.1), [0, 1]);
     }
 
     #[test]

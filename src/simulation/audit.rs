@@ -24,13 +24,13 @@ pub struct Findings {
 }
 
 /// A bone prepared for the audit.
-pub struct Bone<'a> {
+pub struct AuditedBone<'a> {
     inside: Inside<'a>,
     surface: &'a Surface,
     mesh: &'a TriangleMesh,
 }
 
-impl<'a> Bone<'a> {
+impl<'a> AuditedBone<'a> {
     /// Prepares a bone; `surface` only gives the depth of vertices that `mesh` contains.
     pub fn new(mesh: &'a TriangleMesh, surface: &'a Surface) -> Self {
         Self {
@@ -47,7 +47,7 @@ pub fn examine(
     x: &[Point3<f64>],
     triangles: &[[u32; 3]],
     free: &(impl Fn(usize) -> bool + Sync),
-    bones: &[(&Bone<'_>, Isometry3<f64>)],
+    bones: &[(&AuditedBone<'_>, Isometry3<f64>)],
 ) -> Findings {
     let mut findings = Findings::default();
     let muscle = Inside::new(x, triangles);

@@ -27,7 +27,7 @@ use crate::particles::Particles;
 use crate::scene::{ContactEffect, Mass, Muscle, Scene};
 use crate::simulation::attachments::Attached;
 use crate::solvers::sparse::FactorError;
-use crate::solvers::{Broken, Settings, System, stiffness};
+use crate::solvers::{Broken, StepSettings, System, stiffness};
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest speed of a muscle vertex, in muscle lengths per second.
@@ -409,7 +409,7 @@ fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
     LoadError::new(scene, "solver.quasi_static", part, fault)
 }
 
-fn settings(scene: &Scene, length: f64) -> Settings {
+fn settings(scene: &Scene, length: f64) -> StepSettings {
     let (substeps, iterations) = (scene.solver.substeps(), scene.solver.iterations());
     let own = scene.solver.velocity_damping();
     let per_frame = own.unwrap_or(1.0);
@@ -417,7 +417,7 @@ fn settings(scene: &Scene, length: f64) -> Settings {
     let damping = scene.effects.damping.unwrap_or(0.0);
     let velocity_factor =
         libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
-    Settings {
+    StepSettings {
         iterations,
         gravity: scene.effects.gravity.unwrap_or_else(Vector3::zeros),
         velocity_factor,

@@ -8,7 +8,7 @@ use crate::constraints::Potential;
 use crate::contact::{ContactPlane, Contacts, PosedObstacle};
 use crate::particles::Particles;
 use crate::scene::{self, Effects};
-use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
+use crate::solvers::descent::{DescentOutcome, DescentSettings, Guard, Unguarded};
 use crate::solvers::energy::{Energy, Inertia};
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
@@ -22,7 +22,7 @@ const TOUCHING: f64 = 0.02;
 pub struct Equilibrium {
     solver: QuasiStatic,
     /// Result of the last step.
-    pub outcome: Outcome,
+    pub outcome: DescentOutcome,
     /// Number of iterations of all steps so far.
     pub iterations: u64,
     /// Greatest residual of the frame's steps, relative to the force of unit strain.
@@ -58,7 +58,7 @@ impl Equilibrium {
                 target: particles.position.clone(),
             }
         });
-        let settings = Settings {
+        let settings = DescentSettings {
             tolerance: settings.tolerance,
             iterations: settings.iterations,
         };
@@ -70,7 +70,7 @@ impl Equilibrium {
         )?;
         Ok(Self {
             solver,
-            outcome: Outcome::default(),
+            outcome: DescentOutcome::default(),
             iterations: 0,
             residual: 0.0,
             scratch: particles.clone(),

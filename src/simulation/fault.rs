@@ -1,7 +1,7 @@
 //! Errors of the meshes and attachments of a scene, with the line of the scene that causes them.
 
 use crate::io::ReadError;
-use crate::scene::{Origin, Problem, Scene, SceneError};
+use crate::scene::{Scene, SceneError, SceneOrigin, SceneProblem};
 use crate::skin::SkinError;
 use crate::springs::lattice::LatticeError;
 
@@ -189,9 +189,9 @@ impl LoadError {
     }
 
     /// A fault of the part at `key` in the text of this origin.
-    pub(super) fn at(origin: &Origin, key: &str, part: String, fault: Fault) -> Self {
+    pub(super) fn at(origin: &SceneOrigin, key: &str, part: String, fault: Fault) -> Self {
         let message = format!("{part}: {fault}");
-        let problem = Problem::Unfit {
+        let problem = SceneProblem::Unfit {
             code: fault.code(),
             message,
             help: fault.help(),

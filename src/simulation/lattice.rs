@@ -12,7 +12,8 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 use crate::scene::content::LatticeScene;
 use crate::springs::lattice::{
-    Lattice, LatticeError, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
+    Lattice, LatticeError, LatticeSettings, LatticeShape, Stiffness, largest_stiffness,
+    stability_limit,
 };
 
 /// Length of a step relative to the stability limit.
@@ -26,7 +27,7 @@ const STILL: f64 = 1e-3;
 
 /// Measures of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
+pub struct LatticeMeasures {
     /// Index of the frame.
     pub frame: usize,
     /// Greatest distance of a point from its start position [m].
@@ -50,7 +51,7 @@ pub struct LatticeRun {
     /// Surface at the start [m].
     pub surface: TriangleMesh,
     /// Measures of every frame after the start.
-    pub frames: Vec<Measured>,
+    pub frames: Vec<LatticeMeasures>,
     /// The lattice point of each vertex of the surface.
     points: Vec<[usize; 3]>,
     now: Vec<[f64; 3]>,
@@ -72,16 +73,16 @@ impl LatticeRun {
         };
         let most = scene.points.iter().max().copied().unwrap_or(2);
         let spacing = scene.side / (most - 1) as f64;
-        let shape = Shape {
+        let shape = LatticeShape {
             points: scene.points,
             origin: [0.0; 3],
             spacing: [spacing; 3],
         };
         let stiffness = Stiffness::Uniform(scene.stiffness);
-        let mut settings = Settings {
+        let mut settings = LatticeSettings {
             stiffness,
             mass: scene.mass,
-            ..Settings::new(scene.neighbours)
+            ..LatticeSettings::new(scene.neighbours)
         };
         let damping = scene.damping * settings.damping_estimate(&shape);
         let limit = stability_limit(largest_stiffness(&shape, &settings), scene.mass, damping);
@@ -166,7 +167,7 @@ impl LatticeRun {
         let distance = max_or_nan(shape.each().zip(&now).map(|(p, x)| apart(x, &shape.at(p))));
         let moved = max_or_nan(self.now.iter().zip(&now).map(|(a, b)| apart(a, b)));
         self.now = now;
-        self.frames.push(Measured {
+        self.frames.push(LatticeMeasures {
             frame,
             distance,
             moved,
@@ -215,7 +216,7 @@ impl LatticeRun {
 }
 
 /// The points on the surface of a box, and the outward triangles between them.
-fn surface(shape: &Shape) -> (Vec<[usize; 3]>, TriangleMesh) {
+fn surface(shape: &LatticeShape) -> (Vec<[usize; 3]>, TriangleMesh) {
     let mut numbers = std::collections::HashMap::new();
     let mut points: Vec<[usize; 3]> = Vec::new();
     let mut number = |p: [usize; 3]| {
@@ -260,7 +261,7 @@ mod tests {
 
     #[test]
     fn the_surface_of_a_box_is_closed_and_looks_outward() {
-        let shape = Shape {
+        let shape = LatticeShape {
             points: [3, 4, 5],
             origin: [0.0; 3],
             spacing: [0.1, 0.2, 0.3],

@@ -57,7 +57,7 @@ impl Measures {
         body: &Body,
         frame: usize,
         scene: &Scene,
-        bones: &[(&audit::Bone<'_>, Isometry3<f64>)],
+        bones: &[(&audit::AuditedBone<'_>, Isometry3<f64>)],
     ) -> Self {
         let x = &body.system.particles.position;
         let (edge_stretch_rms, edge_stretch_max) = stretch(body);

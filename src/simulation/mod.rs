@@ -1,29 +1,37 @@
 //! The simulation of a scene, frame by frame, with the effects of its plan.
 
-pub mod assets;
-pub mod attachments;
+pub(crate) mod assets;
+pub(crate) mod attachments;
 pub mod audit;
-pub mod body;
+pub(crate) mod body;
 pub mod checkpoint;
 mod effects;
-pub mod equilibrium;
-pub mod tracked;
+pub(crate) mod equilibrium;
+pub(crate) mod tracked;
 mod fault;
 mod ready;
-pub mod lattice;
-pub mod measures;
-pub mod plan;
-pub mod run;
-pub mod scenario;
-pub mod skin;
+pub(crate) mod lattice;
+pub(crate) mod measures;
+pub(crate) mod plan;
+pub(crate) mod run;
+pub(crate) mod scenario;
+pub(crate) mod skin;
 mod steer;
+pub use equilibrium::Equilibrium;
+pub use tracked::{Tracked, TrackedParts};
+
+pub use attachments::component;
+pub use lattice::{LatticeMeasures, LatticeRun};
+pub use measures::{VOLUME_HELD, strain_at_vertices};
+pub use plan::{LeftOut, MusclePlan, Planned};
+pub use skin::{SkinMeasures, SkinPart, SkinRun};
 
 use std::sync::Arc;
 
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-pub use assets::Assets;
+pub use assets::{Assets, MuscleAsset};
 pub use body::{Body, Stepper};
 pub use fault::{Fault, LoadError, Unfit};
 pub use measures::Measures;
@@ -34,7 +42,7 @@ pub use scenario::{
     SceneDescription, Stepped, scenario,
 };
 
-use crate::contact::broad_phase::Method;
+use crate::contact::broad_phase::BroadPhase;
 use crate::contact::capsule::Capsule;
 use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
@@ -139,7 +147,7 @@ impl Simulation {
 
     /// Sets another method of contact search with bones, for comparison with the default hierarchy;
     /// capsules have no triangles. Distances agree up to rounding, and so do results.
-    pub fn set_contact_way(&mut self, way: &Method) {
+    pub fn set_contact_way(&mut self, way: &BroadPhase) {
         for (placed, mesh) in self.placed.iter_mut().zip(&self.bones) {
             placed.obstacle = way.obstacle(mesh);
         }
@@ -249,11 +257,11 @@ impl Simulation {
 
     /// Measures of every muscle at the last frame, with the independent audit.
     pub fn measure(&self) -> Vec<Measures> {
-        let bones: Vec<audit::Bone<'_>> = self
+        let bones: Vec<audit::AuditedBone<'_>> = self
             .bones
             .iter()
             .zip(&self.surfaces)
-            .map(|(mesh, surface)| audit::Bone::new(mesh, surface))
+            .map(|(mesh, surface)| audit::AuditedBone::new(mesh, surface))
             .collect();
         let posed: Vec<_> = bones
             .iter()

@@ -14,10 +14,10 @@ use crate::mesh::measures::Aabb;
 use crate::mesh::{TriangleMesh, shapes};
 use crate::progress::{Progress, Silent};
 use crate::scene::Source;
-use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
+use crate::scene::content::{BallSpec, ImplantFill, SkinScene, SkinSurface, Support};
 use crate::skin::coarse::halved_near;
 use crate::skin::implant::Implant;
-use crate::skin::plan::{Inserted, Place, PreparedPatch};
+use crate::skin::plan::{ImplantPlace, Inserted, PreparedPatch};
 use crate::skin::settle;
 use crate::skin::together::grouped;
 use crate::skin::whole::Whole;
@@ -29,7 +29,7 @@ const REACH: f64 = 2.0;
 
 /// Measures of one frame, for implants that share skin or for the ball.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Measured {
+pub struct SkinMeasures {
     /// Index of the frame.
     pub frame: usize,
     /// Volume [m^3] and pressure [Pa] of each implant; empty for a ball.
@@ -37,14 +37,14 @@ pub struct Measured {
     /// Areas of the region.
     pub areas: Areas,
     /// State of the solution.
-    pub progress: settle::Progress,
+    pub progress: settle::SettleProgress,
     /// Wall time [s].
     pub time_s: f64,
 }
 
 /// One or several implants that share skin, or the ball, with the skin above.
 #[derive(Clone, Debug)]
-pub struct Part {
+pub struct SkinPart {
     /// Name; for several implants all their names.
     pub name: String,
     /// Indices of the implants in the scene; empty for a ball.
@@ -58,12 +58,12 @@ pub struct Part {
     /// Result of the last frame; `None` at the start.
     pub now: Option<Inserted>,
     /// Measures of every frame after the start.
-    pub frames: Vec<Measured>,
+    pub frames: Vec<SkinMeasures>,
     /// The vertex of the whole skin for each vertex of the patch.
     whole: Vec<u32>,
 }
 
-impl Part {
+impl SkinPart {
     /// Positions of each shell in the last frame [m].
     pub fn shells_at(&self) -> impl Iterator<Item = &[Point3<f64>]> {
         let at = |k: usize| match &self.now {
@@ -110,7 +110,7 @@ pub struct SkinRun {
     /// The effects that run.
     pub plan: Plan,
     /// Groups of implants, or the ball.
-    pub parts: Vec<Part>,
+    pub parts: Vec<SkinPart>,
     /// The whole skin at the start, refined near implants [m].
     pub whole: TriangleMesh,
     /// Notes from reading.
@@ -138,13 +138,13 @@ impl SkinRun {
             .map(|o| read_obstacle(&scene, o, &mut notes))
             .collect::<Result<_, _>>()?;
         let skin = match &scene.under {
-            Under::Implants(all) => halved_near(
+            Support::Implants(all) => halved_near(
                 skin,
                 &all.iter()
                     .map(|filled| filled.order.clone())
                     .collect::<Vec<_>>(),
             ),
-            Under::Ball(_) => skin,
+            Support::Ball(_) => skin,
         };
         let (parts, whole) = Making {
             scene: &scene,
@@ -169,8 +169,8 @@ impl SkinRun {
     /// The name of an implant.
     pub fn name_of(&self, implant: usize) -> &str {
         match &self.scene.under {
-            Under::Implants(all) => &all[implant].name,
-            Under::Ball(_) => "ball",
+            Support::Implants(all) => &all[implant].name,
+            Support::Ball(_) => "ball",
         }
     }
 
@@ -181,7 +181,7 @@ impl SkinRun {
 
     /// True if all parts reached their equilibrium in every frame.
     pub fn converged(&self) -> bool {
-        self.parts.iter().all(Part::converged)
+        self.parts.iter().all(SkinPart::converged)
     }
 
     /// Computes the next frame; `progress` hears of each round of each part.
@@ -190,7 +190,7 @@ impl SkinRun {
         let mut found = Vec::new();
         for part in &self.parts {
             let begun = Instant::now();
-            let mut heard = |p: &settle::Progress| {
+            let mut heard = |p: &settle::SettleProgress| {
                 let stage = format!(
                     "frame {frame}, {}: round {}, moved {:.3} mm",
                     part.name,
@@ -201,7 +201,7 @@ impl SkinRun {
                 progress.report(&stage, self.frame, frames).is_continue()
             };
             let done = match &self.scene.under {
-                Under::Implants(all) => {
+                Support::Implants(all) => {
                     let volumes: Vec<f64> = part
                         .members
                         .iter()
@@ -210,7 +210,7 @@ impl SkinRun {
                     part.ready
                         .insert_after(part.now.as_ref(), &volumes, &mut heard)
                 }
-                Under::Ball(ball) => {
+                Support::Ball(ball) => {
                     let at = |frame| self.ball_at(ball, part, frame);
                     let before = part.now.as_ref().map(|now| (now, at(self.frame)));
                     part.ready.over_ball(at(frame), before, &mut heard)
@@ -242,7 +242,7 @@ impl SkinRun {
                 .map(|shell| (shell.volume, shell.pressure))
                 .collect();
             let (areas, progress) = (now.areas, now.progress);
-            part.frames.push(Measured {
+            part.frames.push(SkinMeasures {
                 frame,
                 shells,
                 areas,
@@ -256,7 +256,7 @@ impl SkinRun {
     }
 
     /// Position of the ball in a frame.
-    pub fn ball_at(&self, ball: &Ball, part: &Part, frame: usize) -> skin::Ball {
+    pub fn ball_at(&self, ball: &BallSpec, part: &SkinPart, frame: usize) -> skin::Ball {
         let down = part.ready.frame * -Vector3::z();
         // In contact with the lower layer from below.
         let from = ball
@@ -350,10 +350,10 @@ struct Making<'a> {
 
 impl Making<'_> {
     /// All parts, of which no two share skin, and the whole skin with their patches.
-    fn parts(&self) -> Result<(Vec<Part>, TriangleMesh), LoadError> {
+    fn parts(&self) -> Result<(Vec<SkinPart>, TriangleMesh), LoadError> {
         let mut parts = match &self.scene.under {
-            Under::Implants(all) => self.implants(all)?,
-            Under::Ball(ball) => {
+            Support::Implants(all) => self.implants(all)?,
+            Support::Ball(ball) => {
                 let refused = |error| self.refused("ball", "the ball".to_owned(), error);
                 let mut ready = PreparedPatch::new(self.skin, &ball.order, &[]).map_err(refused)?;
                 ready.method = self.scene.skin.method;
@@ -374,7 +374,7 @@ impl Making<'_> {
     }
 
     /// Groups of implants that share skin.
-    fn implants(&self, all: &[Filled]) -> Result<Vec<Part>, LoadError> {
+    fn implants(&self, all: &[ImplantFill]) -> Result<Vec<SkinPart>, LoadError> {
         let refused = |(k, error): (usize, SkinError)| {
             self.refused(
                 &format!("implant.{k}{}", key_of(&error)),
@@ -429,7 +429,7 @@ impl Making<'_> {
                 .map_err(|error| refused((members[0], error)))?;
             let names: Vec<&str> = members.iter().map(|k| all[*k].name.as_str()).collect();
             let obstacles = near(&members);
-            parts.push(Part {
+            parts.push(SkinPart {
                 members,
                 shells,
                 obstacles,
@@ -442,8 +442,8 @@ impl Making<'_> {
     /// The obstacles that an implant can touch.
     fn near(&self, order: &ImplantSpec) -> Vec<usize> {
         let place = match order.place {
-            Place::Vertex(v) => self.skin.vertices.get(v).copied(),
-            Place::Point(at) => Some(at),
+            ImplantPlace::Vertex(v) => self.skin.vertices.get(v).copied(),
+            ImplantPlace::Point(at) => Some(at),
         };
         // The preparation of the skin rejects an implant without a place.
         let Some(place) = place else {
@@ -491,9 +491,9 @@ fn key_of(error: &SkinError) -> &'static str {
     }
 }
 
-fn part(name: String, ready: PreparedPatch) -> Part {
+fn part(name: String, ready: PreparedPatch) -> SkinPart {
     let (members, shells, obstacles, frames, whole) = Default::default();
-    Part {
+    SkinPart {
         name,
         members,
         ready,

@@ -10,7 +10,7 @@ use crate::contact::PosedObstacle;
 use crate::contact::smooth::SmoothDistance;
 use crate::mesh::measures::max_or_nan;
 use crate::rest::{Relax, relax};
-use crate::solvers::descent::{Outcome, Settings};
+use crate::solvers::descent::{DescentOutcome, DescentSettings};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
 use crate::solvers::press::{Press, Sample};
@@ -38,7 +38,7 @@ const LEAST_LEFT: f64 = 0.2;
 const STIFFER: f64 = 10.0;
 
 /// Components of a muscle that tracks a shape.
-pub struct Parts<'a> {
+pub struct TrackedParts<'a> {
     /// Edges with their rest lengths [m].
     pub edges: &'a [Distance],
     /// Rest stiffness of the edges [N/m].
@@ -59,7 +59,7 @@ pub struct Tracked {
     /// Vertices that lie on an obstacle at rest, with the direction away from it in its own frame.
     lies_on: Vec<(u32, usize, Vector3<f64>)>,
     /// Result of the last step.
-    pub outcome: Outcome,
+    pub outcome: DescentOutcome,
     /// The last prescribed shape [m], and that of the next step.
     shapes: [Vec<Point3<f64>>; 2],
 }
@@ -70,12 +70,12 @@ impl Tracked {
     /// # Errors
     /// Too little memory.
     pub fn new(
-        parts: Parts<'_>,
+        parts: TrackedParts<'_>,
         system: &System,
         placed: &[PosedObstacle],
-        settings: Settings,
+        settings: DescentSettings,
     ) -> Result<Self, FactorError> {
-        let Parts {
+        let TrackedParts {
             edges,
             stiffness,
             tracking: share,
@@ -125,7 +125,7 @@ impl Tracked {
             tracking,
             tension,
             lies_on,
-            outcome: Outcome::default(),
+            outcome: DescentOutcome::default(),
             shapes: [shape.clone(), shape],
         })
     }
@@ -216,7 +216,7 @@ impl Tracked {
         };
         rounds.place();
         relax(&mut rounds, ROUNDS, |_| true)?;
-        self.outcome = Outcome {
+        self.outcome = DescentOutcome {
             iterations: rounds.iterations,
             evaluations: rounds.evaluations,
             ..rounds.outcome
@@ -231,7 +231,7 @@ struct Rounds<'a> {
     poses: &'a [Isometry3<f64>],
     x: &'a mut [Point3<f64>],
     /// The end of the last round.
-    outcome: Outcome,
+    outcome: DescentOutcome,
     /// Of all rounds.
     iterations: u32,
     evaluations: u32,

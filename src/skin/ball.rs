@@ -6,7 +6,7 @@ use super::SkinError;
 use super::areas::Areas;
 use super::plan::{Inserted, PreparedPatch, over_ball};
 use super::region::REACH;
-use super::settle::{Method, Progress};
+use super::settle::{SettleMethod, SettleProgress};
 
 /// Number of points along the radius of a ball where the skin possibly leaves it.
 const PLACES: u32 = 64;
@@ -29,10 +29,10 @@ impl PreparedPatch {
         &self,
         ball: Ball,
         before: Option<(&Inserted, Ball)>,
-        watch: impl FnMut(&Progress) -> bool,
+        watch: impl FnMut(&SettleProgress) -> bool,
     ) -> Result<Inserted, SkinError> {
         // Without an implant a constant factor is sufficient and several times as fast.
-        let method = self.method.unwrap_or(Method::QuasiStatic);
+        let method = self.method.unwrap_or(SettleMethod::QuasiStatic);
         let membrane = self.order.tissue.membrane();
         let model = over_ball(
             self.layers.clone(),

@@ -166,14 +166,14 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
 
 #[cfg(test)]
 mod tests {
-    use super::super::plan::Place;
+    use super::super::plan::ImplantPlace;
     use super::*;
     use crate::mesh::Topology;
     use crate::mesh::measures::max_or_nan;
     use crate::mesh::shapes::box_surface;
 
     fn order(at: Point3<f64>) -> ImplantSpec {
-        ImplantSpec::round(Place::Point(at), 0.02, 1e-6)
+        ImplantSpec::round(ImplantPlace::Point(at), 0.02, 1e-6)
     }
 
     #[test]
@@ -223,7 +223,7 @@ mod tests {
         assert_eq!(halved_near(skin.clone(), &[order(top)]), skin);
         let coarse = box_surface([0.1; 3], 0.1);
         let wrong = ImplantSpec {
-            place: Place::Vertex(1_000_000),
+            place: ImplantPlace::Vertex(1_000_000),
             ..order(top)
         };
         assert_eq!(halved_near(coarse.clone(), &[wrong]), coarse);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::Point3;
 
 use super::contact::{On, Over, Touch, Touching};
-use super::settle::Model;
+use super::settle::SkinSystem;
 use super::support_surface::SupportSurface;
 use crate::contact::Surface;
 use crate::mesh::measures::max_or_nan;
@@ -44,7 +44,7 @@ pub fn deepest(base: f64) -> f64 {
 
 /// Finds possible contacts.
 pub(super) struct Detector<'a> {
-    pub model: &'a Model,
+    pub model: &'a SkinSystem,
     /// Rest area of each unknown vertex [m^2].
     areas: Vec<f64>,
     /// Each implant with its first vertex.
@@ -57,7 +57,7 @@ pub(super) struct Detector<'a> {
 }
 
 impl<'a> Detector<'a> {
-    pub fn new(model: &'a Model) -> Self {
+    pub fn new(model: &'a SkinSystem) -> Self {
         let bed = model.layers.bed();
         let mut areas = vec![0.0; model.layers.count()];
         areas.extend(at_least_mean(bed.vertex_areas()));
@@ -85,7 +85,7 @@ impl<'a> Detector<'a> {
     }
 
     fn stiffness(&self, v: u32, share: f64) -> f64 {
-        let Model { membrane, base, .. } = self.model;
+        let SkinSystem { membrane, base, .. } = self.model;
         PENALTY * membrane / (base * base) * self.areas[v as usize] * share
     }
 

@@ -2,7 +2,7 @@
 
 use super::SkinError;
 use super::plan::{Inserted, PreparedPatch};
-use super::settle::Progress;
+use super::settle::SettleProgress;
 use crate::mesh::TriangleMesh;
 
 /// A filling of an implant on a day.
@@ -109,7 +109,7 @@ impl PreparedPatch {
     pub fn fill(
         &self,
         schedule: &Schedule,
-        mut watch: impl FnMut(&Progress) -> bool,
+        mut watch: impl FnMut(&SettleProgress) -> bool,
     ) -> Result<Vec<Inserted>, SkinError> {
         let mut done: Vec<Inserted> = Vec::new();
         for filling in schedule.fillings() {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Point3};
 
-use super::shapes::Shape;
+use super::shapes::BaseShape;
 use super::{SkinError, settle::Stiffness};
 use crate::constraints::distance::Distance;
 use crate::mesh::{Topology, TriangleMesh};
@@ -21,7 +21,7 @@ const HIGHEST: f64 = 20.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Implant {
     /// Shape of the base.
-    pub shape: Shape,
+    pub shape: BaseShape,
     /// Length of the base [m].
     pub base: f64,
     /// Volume [m^3].
@@ -227,7 +227,7 @@ mod tests {
 
     fn round(volume: f64) -> Implant {
         Implant {
-            shape: Shape::Round,
+            shape: BaseShape::Round,
             base: 0.07,
             volume,
             membrane: SILICONE,
@@ -236,7 +236,7 @@ mod tests {
 
     #[test]
     fn domes_are_closed_and_have_their_volume() {
-        for (name, shape) in Shape::ALL {
+        for (name, shape) in BaseShape::ALL {
             for volume in [5e-6, 50e-6, 150e-6] {
                 let dome = Implant {
                     shape,

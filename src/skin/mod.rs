@@ -10,34 +10,45 @@
 //! the computation (predictions of growth use published ratios, [`areas`]). There is no friction
 //! and no self-contact of skin.
 
-pub mod areas;
-pub mod ball;
-pub mod coarse;
-pub mod contact;
+pub(crate) mod areas;
+pub(crate) mod ball;
+pub(crate) mod coarse;
+pub(crate) mod contact;
 mod detector;
-pub mod envelope;
+pub(crate) mod envelope;
 mod error;
-pub mod fill;
-pub mod implant;
-pub mod layers;
-pub mod limits;
+pub(crate) mod fill;
+pub(crate) mod implant;
+pub(crate) mod layers;
+pub(crate) mod limits;
 mod patch;
 mod place;
-pub mod plan;
-pub mod prolongation;
-pub mod region;
-pub mod settle;
-pub mod shapes;
+pub(crate) mod plan;
+pub(crate) mod prolongation;
+pub(crate) mod region;
+pub(crate) mod settle;
+pub(crate) mod shapes;
 mod solve_for_area;
 mod start;
-pub mod support_surface;
-pub mod thickness;
-pub mod together;
-pub mod whole;
+pub(crate) mod support_surface;
+pub(crate) mod thickness;
+pub(crate) mod together;
+pub(crate) mod whole;
+
+pub use areas::{CAVEATS, GROWN_SOURCE, RETRACTED_SOURCE, stretches};
+pub use coarse::halved_near;
+pub use implant::{Implant, SILICONE, upper};
+pub use layers::{Layers, Tissue, springs_of};
+pub use plan::{ImplantPlace, PreparedPatch, Shell, Site, over_ball};
+pub use region::{Region, frame};
+pub use settle::{FilledImplant, SettleMethod, SettleProgress, SkinSystem, deepest};
+pub use support_surface::{SupportPlace, SupportSurface};
+pub use together::{Group, grouped};
+pub use whole::Whole;
 
 pub use areas::{Areas, Interval};
 pub use ball::Ball;
 pub use error::SkinError;
 pub use fill::{Filling, Schedule};
 pub use plan::{ImplantSpec, Inserted, insert};
-pub use shapes::Shape;
+pub use shapes::BaseShape;

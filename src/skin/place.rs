@@ -7,7 +7,7 @@ use super::SkinError;
 use super::implant::Implant;
 use super::layers::Layers;
 use super::patch::{MARGIN, Patch, TakenOut, nearest_vertex, normal_of};
-use super::plan::{ImplantSpec, Place, Site};
+use super::plan::{ImplantPlace, ImplantSpec, Site};
 use super::region::{REACH, Region, frame};
 use super::whole::rim;
 use crate::contact::Surface;
@@ -53,7 +53,7 @@ pub(super) fn middle(
     }
     let count = skin.vertices.len();
     match order.place {
-        Place::Vertex(vertex) => {
+        ImplantPlace::Vertex(vertex) => {
             let used = vertex < count
                 && skin
                     .triangles
@@ -67,7 +67,7 @@ pub(super) fn middle(
                 .ok_or(SkinError::NoVertex { vertex, count })?;
             Ok((*at, vertex as u32))
         }
-        Place::Point(point) => {
+        ImplantPlace::Point(point) => {
             if !point.coords.iter().all(|c| c.is_finite()) {
                 return Err(SkinError::NotPositive {
                     what: "the distance of the place to the skin",

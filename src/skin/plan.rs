@@ -12,10 +12,10 @@ use super::layers::{Layers, Tissue};
 use super::patch::{EVEN, MARGIN, Patch, TakenOut};
 use super::place::{advised, apart, downs, inward, lies_below, middle, placed};
 use super::region::{REACH, Region};
-use super::settle::{self, Filled, Method, Model};
+use super::settle::{self, FilledImplant, SettleMethod, SkinSystem};
 use super::start::Begin;
 use super::support_surface::SupportSurface;
-use super::{Shape, SkinError};
+use super::{BaseShape, SkinError};
 use crate::mesh::measures::{max_or_nan, volume};
 use crate::mesh::{Topology, TriangleMesh};
 use crate::progress::{Progress, Silent};
@@ -31,7 +31,7 @@ const LEAST: usize = 20;
 
 /// Place of an implant.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Place {
+pub enum ImplantPlace {
     /// Under a vertex.
     Vertex(usize),
     /// Under the point of the skin nearest to this point [m].
@@ -42,7 +42,7 @@ pub enum Place {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImplantSpec {
     /// Place of the implant.
-    pub place: Place,
+    pub place: ImplantPlace,
     /// The implant.
     pub implant: Implant,
     /// Direction of the longer side, projected onto the skin.
@@ -55,9 +55,9 @@ pub struct ImplantSpec {
 
 impl ImplantSpec {
     /// A round implant under skin of the default material.
-    pub fn round(place: Place, base: f64, volume: f64) -> Self {
+    pub fn round(place: ImplantPlace, base: f64, volume: f64) -> Self {
         let implant = Implant {
-            shape: Shape::Round,
+            shape: BaseShape::Round,
             base,
             volume,
             membrane: super::implant::SILICONE,
@@ -101,7 +101,7 @@ pub struct PreparedPatch {
     /// The other implants.
     pub others: Vec<Site>,
     /// Method of the equilibrium; `None` selects it by the number of unknowns.
-    pub method: Option<Method>,
+    pub method: Option<SettleMethod>,
     pub(super) obstacles: Vec<SupportSurface>,
     pub(super) coarser: OnceLock<Option<Box<PreparedPatch>>>,
 }
@@ -131,7 +131,7 @@ pub struct Inserted {
     /// The gain with edges twice as long [m^2]; `None` if not computed.
     pub coarse_gain: Option<f64>,
     /// Effort and state of the solution.
-    pub progress: settle::Progress,
+    pub progress: settle::SettleProgress,
 }
 
 impl Inserted {
@@ -165,7 +165,7 @@ pub fn insert(
     skin: &TriangleMesh,
     order: &ImplantSpec,
     obstacles: &[TriangleMesh],
-    watch: impl FnMut(&settle::Progress) -> bool,
+    watch: impl FnMut(&settle::SettleProgress) -> bool,
 ) -> Result<(PreparedPatch, Inserted), SkinError> {
     let ready = PreparedPatch::new(skin, order, obstacles)?;
     let inserted = ready.insert(order.implant.volume, watch)?;
@@ -339,7 +339,7 @@ impl PreparedPatch {
     pub fn insert(
         &self,
         volume: f64,
-        watch: impl FnMut(&settle::Progress) -> bool,
+        watch: impl FnMut(&settle::SettleProgress) -> bool,
     ) -> Result<Inserted, SkinError> {
         self.insert_after(None, &[volume], watch)
     }
@@ -353,7 +353,7 @@ impl PreparedPatch {
         &self,
         earlier: Option<&Inserted>,
         volumes: &[f64],
-        mut watch: impl FnMut(&settle::Progress) -> bool,
+        mut watch: impl FnMut(&settle::SettleProgress) -> bool,
     ) -> Result<Inserted, SkinError> {
         self.begun(earlier, volumes, &mut watch)
     }
@@ -362,7 +362,7 @@ impl PreparedPatch {
         &self,
         earlier: Option<&Inserted>,
         volumes: &[f64],
-        watch: &mut dyn FnMut(&settle::Progress) -> bool,
+        watch: &mut dyn FnMut(&settle::SettleProgress) -> bool,
     ) -> Result<Inserted, SkinError> {
         let (model, start) = self.model(volumes)?;
         let Begin {
@@ -387,7 +387,7 @@ impl PreparedPatch {
             progress.iterations += done;
         }
         progress.iterations += iterations;
-        let shell = |((implant, first), pressure): ((&Filled, u32), f64)| {
+        let shell = |((implant, first), pressure): ((&FilledImplant, u32), f64)| {
             let first = first as usize;
             let vertices = first..first + implant.mesh.vertices.len();
             let triangles = implant.mesh.triangles.clone();
@@ -435,9 +435,9 @@ pub fn over_ball(
     membrane: f64,
     centre: Point3<f64>,
     radius: f64,
-    method: Method,
-) -> Model {
-    Model {
+    method: SettleMethod,
+) -> SkinSystem {
+    SkinSystem {
         layers,
         membrane,
         implants: Vec::new(),

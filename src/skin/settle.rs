@@ -21,7 +21,7 @@ use crate::constraints::{EnclosedVolume, Quadratic};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 use crate::rest::{End, Relax, all_within, relax};
-use crate::solvers::descent::{Outcome, Settings, Unguarded};
+use crate::solvers::descent::{DescentOutcome, DescentSettings, Unguarded};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
 use crate::solvers::quasi_static::QuasiStatic;
@@ -73,7 +73,7 @@ const INNER_QUASI_STATIC: u32 = 60;
 
 /// Method of the equilibrium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Method {
+pub enum SettleMethod {
     /// Newton's method, with a factorisation of the whole second derivative in every iteration.
     #[default]
     Newton,
@@ -83,7 +83,7 @@ pub enum Method {
 
 /// An implant among the unknowns; its vertices follow those of the skin.
 #[derive(Clone, Debug)]
-pub struct Filled {
+pub struct FilledImplant {
     /// Initial shell.
     pub mesh: TriangleMesh,
     /// Springs of the shell; indices refer to all unknowns.
@@ -97,13 +97,13 @@ pub struct Filled {
 }
 
 /// The system of skin, implants and surfaces below.
-pub struct Model {
+pub struct SkinSystem {
     /// The skin.
     pub layers: Layers,
     /// In-plane stiffness of the skin [N/m].
     pub membrane: f64,
     /// Implants in order.
-    pub implants: Vec<Filled>,
+    pub implants: Vec<FilledImplant>,
     /// Surfaces that support the lower layer and the implants.
     pub beds: Vec<SupportSurface>,
     /// A rigid sphere under the lower layer: centre and radius [m].
@@ -111,12 +111,12 @@ pub struct Model {
     /// Base length of the smallest implant, the length scale of the tolerances [m].
     pub base: f64,
     /// Method of the equilibrium.
-    pub method: Method,
+    pub method: SettleMethod,
 }
 
 /// State of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Progress {
+pub struct SettleProgress {
     /// Number of rounds.
     pub rounds: u32,
     /// Number of solver iterations in all rounds.
@@ -135,7 +135,7 @@ pub struct Progress {
     pub exhausted: bool,
 }
 
-impl Progress {
+impl SettleProgress {
     /// The criterion of the equilibrium: `force` or `exhaustion`; `None` without equilibrium.
     pub fn rest_by(&self) -> Option<&'static str> {
         self.converged.then_some(if self.exhausted {
@@ -245,7 +245,7 @@ struct Descent<'a> {
     newton: Option<Newton>,
     start: Vec<Point3<f64>>,
     inverse_mass: Vec<f64>,
-    progress: Progress,
+    progress: SettleProgress,
     /// Pressure in each implant [Pa].
     pressures: Vec<f64>,
 }
@@ -260,12 +260,12 @@ fn larger(a: f64, b: f64) -> f64 {
 }
 
 impl<'a> Descent<'a> {
-    fn new(model: &'a Model) -> Self {
+    fn new(model: &'a SkinSystem) -> Self {
         let held = |v: usize| model.layers.held.get(v).copied().unwrap_or(false);
         let inverse_mass = (0..model.count())
             .map(|v| if held(v) { 0.0 } else { 1.0 })
             .collect();
-        let (detector, progress) = (Detector::new(model), Progress::default());
+        let (detector, progress) = (Detector::new(model), SettleProgress::default());
         Self {
             detector,
             newton: None,
@@ -280,7 +280,7 @@ impl<'a> Descent<'a> {
     fn rounds(
         &mut self,
         x: &mut [Point3<f64>],
-        watch: &mut dyn FnMut(&Progress) -> bool,
+        watch: &mut dyn FnMut(&SettleProgress) -> bool,
     ) -> Result<(), SkinError> {
         let leash = LEASH * self.detector.model.base;
         let mut rounds = Rounds {
@@ -359,7 +359,7 @@ impl Relax for Rounds<'_, '_> {
     }
 }
 
-impl Model {
+impl SkinSystem {
     /// Number of unknown vertices, including fixed ones.
     pub fn count(&self) -> usize {
         self.layers.rest.len()
@@ -431,20 +431,20 @@ impl Model {
     pub fn settle(
         &self,
         x: &mut [Point3<f64>],
-        watch: impl FnMut(&Progress) -> bool,
-    ) -> Result<Progress, SkinError> {
+        watch: impl FnMut(&SettleProgress) -> bool,
+    ) -> Result<SettleProgress, SkinError> {
         self.settle_each(x, watch).map(|(progress, _)| progress)
     }
 
     /// The same, with the pressure in each implant [Pa].
     ///
     /// # Errors
-    /// See [`Model::settle`].
+    /// See [`SkinSystem::settle`].
     pub fn settle_each(
         &self,
         x: &mut [Point3<f64>],
-        mut watch: impl FnMut(&Progress) -> bool,
-    ) -> Result<(Progress, Vec<f64>), SkinError> {
+        mut watch: impl FnMut(&SettleProgress) -> bool,
+    ) -> Result<(SettleProgress, Vec<f64>), SkinError> {
         self.fill(x)?;
         let mut descent = Descent::new(self);
         for _ in 0..=LIFTS {
@@ -470,7 +470,7 @@ impl Model {
 
     /// The volume constraints of the implants.
     fn volumes(&self) -> Vec<EnclosedVolume> {
-        let volume = |(implant, first): (&Filled, u32)| {
+        let volume = |(implant, first): (&FilledImplant, u32)| {
             let triangles: Vec<[u32; 3]> = implant
                 .mesh
                 .triangles
@@ -505,10 +505,10 @@ impl Model {
         x: &mut [Point3<f64>],
         inverse_mass: &[f64],
         leash: f64,
-    ) -> Result<(Outcome, Vec<f64>), SkinError> {
+    ) -> Result<(DescentOutcome, Vec<f64>), SkinError> {
         let failed = |error: FactorError| SkinError::Solver(error.to_string());
-        if self.method == Method::QuasiStatic {
-            let settings = Settings {
+        if self.method == SettleMethod::QuasiStatic {
+            let settings = DescentSettings {
                 tolerance: TOLERANCE,
                 iterations: INNER_QUASI_STATIC,
             };
@@ -522,7 +522,7 @@ impl Model {
                 newton
             }
             None => {
-                let settings = Settings {
+                let settings = DescentSettings {
                     tolerance: TOLERANCE,
                     iterations: INNER,
                 };

@@ -15,7 +15,7 @@ const BEND: f64 = 1.0;
 
 /// The shape of an implant's base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shape {
+pub enum BaseShape {
     /// A circle.
     Round,
     /// An ellipse, 0.65 times as wide as it is long.
@@ -26,7 +26,7 @@ pub enum Shape {
     Rectangular,
 }
 
-impl Shape {
+impl BaseShape {
     /// All shapes with their names.
     pub const ALL: [(&'static str, Self); 4] = [
         ("round", Self::Round),
@@ -104,7 +104,7 @@ mod tests {
 
     #[test]
     fn reach_undoes_place() {
-        for (name, shape) in Shape::ALL {
+        for (name, shape) in BaseShape::ALL {
             for k in 0..40 {
                 let (angle, radius) = (0.157 * f64::from(k), 0.03 * f64::from(k));
                 let disc = Point2::new(radius * angle.cos(), radius * angle.sin());
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn the_base_is_as_long_as_it_says() {
-        for (name, shape) in Shape::ALL {
+        for (name, shape) in BaseShape::ALL {
             let ends = [-1.0, 1.0].map(|x| shape.place(Point2::new(x, 0.0), 0.07).x);
             assert!(
                 (ends[1] - ends[0] - 0.07).abs() <= 1e-15,

@@ -2,7 +2,7 @@
 
 use super::SkinError;
 use super::plan::{Inserted, PreparedPatch};
-use super::settle::{Progress, STEADY};
+use super::settle::{STEADY, SettleProgress};
 
 /// Relative tolerance of the requested area, limited by the accuracy of areas.
 const MET: f64 = 2e-3;
@@ -31,7 +31,7 @@ impl PreparedPatch {
     pub fn solve_for_area(
         &self,
         wanted: f64,
-        mut watch: impl FnMut(&Progress) -> bool,
+        mut watch: impl FnMut(&SettleProgress) -> bool,
     ) -> Result<Inserted, SkinError> {
         SkinError::positive("the wanted area", wanted)?;
         let most = self.largest();
@@ -102,7 +102,7 @@ impl PreparedPatch {
     pub fn curve(
         &self,
         volumes: &[f64],
-        mut watch: impl FnMut(&Progress) -> bool,
+        mut watch: impl FnMut(&SettleProgress) -> bool,
     ) -> Result<Vec<Inserted>, SkinError> {
         let mut done: Vec<Inserted> = Vec::new();
         for volume in volumes {

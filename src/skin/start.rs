@@ -6,10 +6,10 @@ use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use super::SkinError;
 use super::implant::{BULGE, Implant, upper};
 use super::place::downs;
-use super::plan::{ImplantSpec, Inserted, Place, PreparedPatch};
+use super::plan::{ImplantPlace, ImplantSpec, Inserted, PreparedPatch};
 use super::prolongation::Prolongation;
 use super::region::REACH;
-use super::settle::{Filled, Method, Model, Progress};
+use super::settle::{FilledImplant, SettleMethod, SettleProgress, SkinSystem};
 use super::support_surface::SupportSurface;
 use crate::contact::Surface;
 use crate::mesh::{TriangleMesh, refine};
@@ -37,11 +37,11 @@ pub(super) struct Begin {
 
 impl PreparedPatch {
     /// The solver for this number of unknown vertices.
-    pub(super) fn method_for(&self, unknown: usize) -> Method {
+    pub(super) fn method_for(&self, unknown: usize) -> SettleMethod {
         self.method.unwrap_or(if unknown > LARGE {
-            Method::QuasiStatic
+            SettleMethod::QuasiStatic
         } else {
-            Method::Newton
+            SettleMethod::Newton
         })
     }
 
@@ -55,7 +55,7 @@ impl PreparedPatch {
             let edge = 2.0 * self.layers.edge;
             let skin = refine(&self.patch, edge).ok()?.mesh;
             let order = |(order, frame): (&ImplantSpec, &Isometry3<f64>)| {
-                let place = Place::Point(Point3::from(frame.translation.vector));
+                let place = ImplantPlace::Point(Point3::from(frame.translation.vector));
                 ImplantSpec {
                     place,
                     edge: Some(edge),
@@ -92,7 +92,7 @@ impl PreparedPatch {
 
     /// Computes the gain with edges twice as long if a result lacks it; leaves it empty on failure,
     /// or if `watch` stops it.
-    pub fn compare(&self, done: &mut Inserted, mut watch: impl FnMut(&Progress) -> bool) {
+    pub fn compare(&self, done: &mut Inserted, mut watch: impl FnMut(&SettleProgress) -> bool) {
         if done.coarse_gain.is_some() || done.shells.is_empty() {
             return;
         }
@@ -109,7 +109,7 @@ impl PreparedPatch {
         &self,
         volumes: &[f64],
         start: &[Point3<f64>],
-        watch: &mut dyn FnMut(&Progress) -> bool,
+        watch: &mut dyn FnMut(&SettleProgress) -> bool,
     ) -> Result<Begin, SkinError> {
         let Some(coarser) = self.coarser() else {
             return Ok(Begin::default());
@@ -164,7 +164,10 @@ impl PreparedPatch {
     }
 
     /// The model of implants with these volumes, and the start: the skin as a dome over each.
-    pub(super) fn model(&self, volumes: &[f64]) -> Result<(Model, Vec<Point3<f64>>), SkinError> {
+    pub(super) fn model(
+        &self,
+        volumes: &[f64],
+    ) -> Result<(SkinSystem, Vec<Point3<f64>>), SkinError> {
         let (mut implants, mut lift) = (Vec::new(), vec![0.0; self.layers.rest.len()]);
         let (bed, mut first) = (Surface::new(&self.layers.bed()), lift.len() as u32);
         for ((order, frame), volume) in self.sites().zip(volumes) {
@@ -196,7 +199,7 @@ impl PreparedPatch {
             [] => vec![SupportSurface::new(self.layers.bed())],
             some => some.to_vec(),
         };
-        let model = Model {
+        let model = SkinSystem {
             layers: self.layers.clone(),
             membrane: self.order.tissue.membrane(),
             implants,
@@ -219,7 +222,7 @@ impl PreparedPatch {
         bed: &Surface,
         frame: &Isometry3<f64>,
         first: u32,
-    ) -> Result<Filled, SkinError> {
+    ) -> Result<FilledImplant, SkinError> {
         let bulge = implant.bulge(&dome);
         if bulge > BULGE {
             return Err(implant.too_large(self.layers.edge));
@@ -243,7 +246,7 @@ impl PreparedPatch {
         let pocket = (upper(rings_of(count))..count as u32)
             .map(|v| v + first)
             .collect();
-        Ok(Filled {
+        Ok(FilledImplant {
             mesh,
             springs,
             stiffness,

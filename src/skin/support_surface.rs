@@ -10,7 +10,7 @@ use crate::mesh::{Topology, TriangleMesh};
 
 /// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct SupportPlace {
     /// Position [m].
     pub point: Point3<f64>,
     /// Corners of its triangle.
@@ -23,7 +23,7 @@ pub struct Place {
     pub size: f64,
 }
 
-impl Place {
+impl SupportPlace {
     /// The unit direction from the surface to `p`, whose nearest point this is.
     pub fn away(&self, p: &Point3<f64>) -> Vector3<f64> {
         let from = p - self.point;
@@ -100,7 +100,7 @@ impl SupportSurface {
     }
 
     /// The nearest point within `within` [m].
-    pub fn nearest(&self, p: &Point3<f64>, within: f64) -> Option<Place> {
+    pub fn nearest(&self, p: &Point3<f64>, within: f64) -> Option<SupportPlace> {
         let triangle = self.tree.closest(p, within)?.triangle;
         let corners = self.mesh.triangles[triangle as usize];
         let at @ [a, b, c] = corners.map(|v| self.mesh.vertices[v as usize]);
@@ -113,7 +113,7 @@ impl SupportSurface {
             feature,
         );
         let point = a + (b - a) * weights[1] + (c - a) * weights[2];
-        Some(Place {
+        Some(SupportPlace {
             point,
             corners,
             weights,

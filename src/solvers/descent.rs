@@ -25,7 +25,7 @@ const SWEEPS: u32 = 60;
 
 /// Stopping criteria.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct DescentSettings {
     /// Root mean square of the residual force on free vertices, relative to the force of unit
     /// strain.
     pub tolerance: f64,
@@ -33,7 +33,7 @@ pub struct Settings {
     pub iterations: u32,
 }
 
-impl Default for Settings {
+impl Default for DescentSettings {
     fn default() -> Self {
         Self {
             tolerance: 1e-4,
@@ -44,7 +44,7 @@ impl Default for Settings {
 
 /// Result of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Outcome {
+pub struct DescentOutcome {
     /// Number of iterations.
     pub iterations: u32,
     /// Number of evaluations of energy and gradient.
@@ -61,7 +61,7 @@ pub struct Outcome {
     pub converged: bool,
 }
 
-impl Value for Outcome {
+impl Value for DescentOutcome {
     const MIN_BYTES: usize = 4 + 4 + 4 * 8 + 1;
 
     fn encode(&self, to: &mut Writer) {
@@ -173,22 +173,22 @@ pub(super) struct State {
 }
 
 /// The energy of a body, its unknown vertices, and its stopping criteria.
-pub struct Problem {
+pub struct DescentProblem {
     /// The energy.
     pub energy: Energy,
     /// Stopping criteria.
-    pub settings: Settings,
+    pub settings: DescentSettings,
     pub(super) unknowns: Unknowns,
     pub(super) force_scale: f64,
 }
 
-impl Problem {
+impl DescentProblem {
     /// The problem of a body at rest at `x`; vertices without inverse mass are fixed.
     pub fn new(
         energy: Energy,
         x: &[Point3<f64>],
         inverse_mass: &[f64],
-        settings: Settings,
+        settings: DescentSettings,
     ) -> Self {
         let force_scale = energy.force_scale(x);
         Self {
@@ -365,7 +365,7 @@ impl Problem {
         state: &State,
         multipliers: &[f64],
         holding: &[ContactPlane],
-        outcome: &mut Outcome,
+        outcome: &mut DescentOutcome,
     ) {
         let mut force = self.force(state, multipliers);
         // Twice, as rows of one vertex share the force.
@@ -385,7 +385,7 @@ impl Problem {
         x: &[Point3<f64>],
         state: &State,
         direction: &[Vector3<f64>],
-        outcome: &mut Outcome,
+        outcome: &mut DescentOutcome,
         mut complete: impl FnMut(&mut [Point3<f64>]) -> bool,
     ) -> Option<(Vec<Point3<f64>>, State)> {
         let soft: Vec<f64> = self.softness(&state.excess).collect();

@@ -13,22 +13,33 @@
 #[cfg(feature = "sparse")]
 mod active;
 #[cfg(feature = "sparse")]
-pub mod descent;
-pub mod energy;
-pub mod grip;
+pub(crate) mod descent;
+pub(crate) mod energy;
+pub(crate) mod grip;
 mod history;
 #[cfg(feature = "sparse")]
-pub mod newton;
-pub mod press;
+pub(crate) mod newton;
+pub(crate) mod press;
 #[cfg(feature = "sparse")]
-pub mod quasi_static;
+pub(crate) mod quasi_static;
 #[cfg(feature = "sparse")]
-pub mod sparse;
+pub(crate) mod sparse;
 pub mod stiffness;
 mod step;
-pub mod tension;
-pub mod tracking;
+pub(crate) mod tension;
+pub(crate) mod tracking;
 #[cfg(feature = "sparse")]
 mod unknowns;
+pub use press::Press;
 
-pub use step::{Broken, Clock, DIVERGENCE, Held, Settings, System, effect_of_name};
+#[cfg(feature = "sparse")]
+pub use descent::{DescentOutcome, DescentProblem, DescentSettings, Guard, Unguarded};
+pub use energy::{Energy, Inertia};
+#[cfg(feature = "sparse")]
+pub use newton::Newton;
+#[cfg(feature = "sparse")]
+pub use quasi_static::QuasiStatic;
+#[cfg(feature = "sparse")]
+pub use sparse::{Factor, FactorError};
+
+pub use step::{Broken, Clock, DIVERGENCE, Held, StepSettings, System, effect_of_name};

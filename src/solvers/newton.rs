@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::descent::{Outcome, Problem, Settings, State};
+use super::descent::{DescentOutcome, DescentProblem, DescentSettings, State};
 use super::energy::Energy;
 use super::history::Field;
 use super::sparse::{Factor, FactorError};
@@ -26,7 +26,7 @@ const AT_ONCE: usize = 2;
 /// A body prepared for the search of its equilibrium.
 pub struct Newton {
     /// The minimised problem.
-    pub problem: Problem,
+    pub problem: DescentProblem,
     factor: Factor<3>,
     numbers: Vec<f64>,
     /// The pressure in each volume [Pa].
@@ -46,9 +46,9 @@ impl Newton {
         energy: Energy,
         x: &[Point3<f64>],
         inverse_mass: &[f64],
-        settings: Settings,
+        settings: DescentSettings,
     ) -> Result<Self, FactorError> {
-        let problem = Problem::new(energy, x, inverse_mass, settings);
+        let problem = DescentProblem::new(energy, x, inverse_mass, settings);
         let unknowns = &problem.unknowns;
         let factor = Factor::new(
             unknowns.free.len(),
@@ -93,8 +93,8 @@ impl Newton {
     pub fn solve(
         &mut self,
         x: &mut [Point3<f64>],
-        mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
-    ) -> Result<Outcome, FactorError> {
+        mut watch: impl FnMut(&DescentOutcome, &[Point3<f64>]) -> bool,
+    ) -> Result<DescentOutcome, FactorError> {
         self.keep_volumes(x)?;
         let state = self.problem.state(x);
         let multipliers = self.problem.first_multipliers(&state);
@@ -104,9 +104,9 @@ impl Newton {
             x,
             state,
             multipliers,
-            outcome: Outcome {
+            outcome: DescentOutcome {
                 evaluations: 1,
-                ..Outcome::default()
+                ..DescentOutcome::default()
             },
         };
         relax(&mut descent, limit, |now| watch(&now.outcome, now.x))?;
@@ -185,7 +185,7 @@ struct Descent<'a> {
     x: &'a mut [Point3<f64>],
     state: State,
     multipliers: Vec<f64>,
-    outcome: Outcome,
+    outcome: DescentOutcome,
 }
 
 impl Relax for Descent<'_> {
@@ -236,7 +236,7 @@ fn columns(block: &Matrix3<f64>) -> [[f64; 3]; 3] {
 
 /// Applies the inverse to fields, in place.
 fn invert(
-    problem: &Problem,
+    problem: &DescentProblem,
     factor: &mut Factor<3>,
     numbers: &mut [f64],
     fields: &mut [&mut [Vector3<f64>]],

@@ -14,7 +14,7 @@ use std::convert::Infallible;
 use nalgebra::{Point3, Vector3};
 
 use super::active::{Active, Touched};
-use super::descent::{Guard, Outcome, Problem, ROUNDED, Settings, State};
+use super::descent::{DescentOutcome, DescentProblem, DescentSettings, Guard, ROUNDED, State};
 use super::energy::Energy;
 use super::history::{Field, History};
 use super::sparse::FactorError;
@@ -38,7 +38,7 @@ const NOTED: u32 = 8;
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
-/// use pliant::solvers::descent::{Settings, Unguarded};
+/// use pliant::solvers::{DescentSettings, Unguarded};
 /// use pliant::{Distance, Energy, Quadratic, QuasiStatic};
 ///
 /// // A spring of 100 N/m and 1 m hangs from a held point and carries 10 N.
@@ -49,16 +49,16 @@ const NOTED: u32 = 8;
 ///     forces: vec![Vector3::zeros(), Vector3::new(0.0, 0.0, -10.0)],
 ///     ..Energy::default()
 /// };
-/// let settings = Settings { tolerance: 1e-9, iterations: 100 };
+/// let settings = DescentSettings { tolerance: 1e-9, iterations: 100 };
 /// let mut solver = QuasiStatic::new(energy, &x, &[0.0, 1.0], settings)?;
 /// let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
 /// assert!(outcome.converged);
 /// assert!((x[1].z + 1.1).abs() <= 1e-9);
-/// # Ok::<(), pliant::solvers::sparse::FactorError>(())
+/// # Ok::<(), pliant::solvers::FactorError>(())
 /// ```
 pub struct QuasiStatic {
     /// The minimised problem.
-    pub problem: Problem,
+    pub problem: DescentProblem,
     laplacian: Laplacian,
     history: History,
     touched: Touched,
@@ -79,9 +79,9 @@ impl QuasiStatic {
         energy: Energy,
         x: &[Point3<f64>],
         inverse_mass: &[f64],
-        settings: Settings,
+        settings: DescentSettings,
     ) -> Result<Self, FactorError> {
-        let problem = Problem::new(energy, x, inverse_mass, settings);
+        let problem = DescentProblem::new(energy, x, inverse_mass, settings);
         let laplacian = Laplacian::new(&problem.energy, &problem.unknowns, x)?;
         let (touched, active) = (Touched::default(), Active::default());
         Ok(Self {
@@ -147,8 +147,8 @@ impl QuasiStatic {
         &mut self,
         x: &mut [Point3<f64>],
         guard: &mut impl Guard,
-        mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
-    ) -> Outcome {
+        mut watch: impl FnMut(&DescentOutcome, &[Point3<f64>]) -> bool,
+    ) -> DescentOutcome {
         self.keep_volumes(x);
         let state = self.problem.state(x);
         let multipliers = self.problem.first_multipliers(&state);
@@ -161,9 +161,9 @@ impl QuasiStatic {
             multipliers,
             rows: Vec::new(),
             direction: Field::new(),
-            outcome: Outcome {
+            outcome: DescentOutcome {
                 evaluations: 1,
-                ..Outcome::default()
+                ..DescentOutcome::default()
             },
         };
         let Ok(end) = relax(&mut descent, limit, |now| watch(&now.outcome, now.x));
@@ -235,7 +235,7 @@ impl QuasiStatic {
         direction: &[Vector3<f64>],
         rows: &[ContactPlane],
         guard: &mut impl Guard,
-        outcome: &mut Outcome,
+        outcome: &mut DescentOutcome,
     ) -> Option<(Vec<Point3<f64>>, State)> {
         let Self {
             problem,
@@ -296,7 +296,7 @@ struct Descent<'a, G> {
     /// The planes that vertices near an obstacle must stay over.
     rows: Vec<ContactPlane>,
     direction: Field,
-    outcome: Outcome,
+    outcome: DescentOutcome,
 }
 
 impl<G: Guard> Relax for Descent<'_, G> {
@@ -385,7 +385,7 @@ impl state::State for QuasiStatic {
             spreads: (spreads, age),
             pressures: _,
         } = self;
-        let Problem {
+        let DescentProblem {
             energy,
             settings: _,
             unknowns: _,
@@ -428,7 +428,7 @@ impl state::State for QuasiStatic {
 
 /// Lifts `x` smoothly over the violated rows.
 fn lift(
-    problem: &Problem,
+    problem: &DescentProblem,
     laplacian: &mut Laplacian,
     touched: &mut Touched,
     active: &Active,

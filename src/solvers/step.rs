@@ -23,7 +23,7 @@ pub struct Held {
 
 /// Settings of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct StepSettings {
     /// Number of sweeps per step.
     pub iterations: u32,
     /// Acceleration of all particles [m/s^2].
@@ -139,7 +139,7 @@ pub struct System {
     /// Constant forces [N].
     pub forces: Vec<(u32, Vector3<f64>)>,
     /// Settings of a step.
-    pub settings: Settings,
+    pub settings: StepSettings,
     /// Time of each effect.
     pub clock: Clock,
     /// Number of clamped velocities so far.
@@ -152,7 +152,7 @@ pub struct System {
 
 impl System {
     /// Creates a body without effects.
-    pub fn new(particles: Particles, settings: Settings) -> Self {
+    pub fn new(particles: Particles, settings: StepSettings) -> Self {
         Self {
             start: particles.position.clone(),
             start_velocity: particles.velocity.clone(),
@@ -284,7 +284,7 @@ impl System {
     }
 
     fn predict(&mut self, placed: &[PosedObstacle], dt: f64) {
-        let Settings {
+        let StepSettings {
             gravity,
             velocity_factor,
             force_factor,

@@ -22,7 +22,7 @@ pub fn critical_in_steps(stiffness: f64, mass: f64, dt: f64) -> f64 {
 
 /// Parameters of a lattice or a similar body for [`estimate`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Body {
+pub struct DampedBody {
     /// Mass of a point [kg].
     pub mass: f64,
     /// Stiffness times rest length of the springs [N]; 1 for the thesis's stiffness 1/L.
@@ -39,7 +39,7 @@ pub struct Body {
 /// For 26 neighbours the thesis has no formula; here `k = tension (9.43 + 6.64 spacing/side)/side`.
 /// This is a straight line through the means of c^2/(8 m) in its table 7.5 for 5 and 20 points per
 /// side. Its error for 10 points is 4 %, so 2 % in c.
-pub fn estimate(neighbours: Neighbours, body: Body) -> f64 {
+pub fn estimate(neighbours: Neighbours, body: DampedBody) -> f64 {
     let share = body.spacing / body.side;
     let factor = match neighbours {
         Neighbours::Six => 2.0 + 4.0 * share,

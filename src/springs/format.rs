@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use super::hooke::{Hooke, Springs};
 use super::pairs::PairError;
 use crate::io::cursor::{Cursor, coordinate, count, integer, number};
-use crate::io::{MAX_FILE_BYTES, Place, Problem, ReadError, write_whole};
+use crate::io::{FilePlace, MAX_FILE_BYTES, ReadError, ReadProblem, write_whole};
 
 /// Content of a file in the thesis's format.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -88,18 +88,18 @@ pub fn read(path: &Path) -> Result<SpringFile, ReadError> {
 /// Content in another format, with line and column.
 pub fn read_bytes(bytes: &[u8], name: &str) -> Result<SpringFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let whole = |problem| Cursor::new(name, bytes).fail_at(Place::Whole, problem, b"");
+    let whole = |problem| Cursor::new(name, bytes).fail_at(FilePlace::Whole, problem, b"");
     if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(whole(Problem::TooLarge {
+        return Err(whole(ReadProblem::TooLarge {
             bytes: bytes.len() as u64,
             limit: MAX_FILE_BYTES,
         }));
     }
     if bytes.trim_ascii().is_empty() {
-        return Err(whole(Problem::Empty));
+        return Err(whole(ReadProblem::Empty));
     }
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
-        return Err(whole(Problem::Utf16));
+        return Err(whole(ReadProblem::Utf16));
     }
     let mut reader = Reader {
         cursor: Cursor::new(name, bytes),
@@ -117,7 +117,7 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<SpringFile, ReadError> {
     })?;
     if let Some(line) = reader.next_line()? {
         return Err(reader.cursor.fail(
-            Problem::Expected {
+            ReadProblem::Expected {
                 what: "the end of the file",
             },
             line,
@@ -149,7 +149,7 @@ impl<'a> Reader<'a> {
     fn line(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
         match self.next_line()? {
             Some(line) => Ok(line),
-            None => Err(self.cursor.fail(Problem::Truncated { what }, b"")),
+            None => Err(self.cursor.fail(ReadProblem::Truncated { what }, b"")),
         }
     }
 
@@ -162,12 +162,12 @@ impl<'a> Reader<'a> {
         for (got, place) in found.iter_mut().enumerate() {
             *place = words.next().ok_or_else(|| {
                 self.cursor
-                    .fail(Problem::TooFewNumbers { got, wanted: N }, line)
+                    .fail(ReadProblem::TooFewNumbers { got, wanted: N }, line)
             })?;
         }
         match words.next() {
             Some(word) => Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "the end of the line",
                 },
                 word,
@@ -182,7 +182,7 @@ impl<'a> Reader<'a> {
         if declared > possible {
             return Err(self
                 .cursor
-                .fail(Problem::CountExceedsFile { declared, possible }, word));
+                .fail(ReadProblem::CountExceedsFile { declared, possible }, word));
         }
         Ok(declared)
     }
@@ -194,7 +194,7 @@ impl<'a> Reader<'a> {
         let declared =
             count(declared, "a count").map_err(|problem| self.cursor.fail(problem, declared))?;
         if size == 0 {
-            return Err(self.cursor.fail(Problem::NoVertices, points));
+            return Err(self.cursor.fail(ReadProblem::NoVertices, points));
         }
         for vertex in 0..size as usize {
             let line = self.line("the points")?;
@@ -209,7 +209,7 @@ impl<'a> Reader<'a> {
                 b"i" => false,
                 word => {
                     return Err(self.cursor.fail(
-                        Problem::Expected {
+                        ReadProblem::Expected {
                             what: "m (surface point) or i (inner point)",
                         },
                         word,
@@ -251,7 +251,7 @@ impl<'a> Reader<'a> {
         match u32::try_from(index) {
             Ok(small) if (small as usize) < count => Ok(small),
             _ => Err(self.cursor.fail(
-                Problem::IndexOutOfRange {
+                ReadProblem::IndexOutOfRange {
                     index,
                     count,
                     from_one: false,
@@ -269,7 +269,7 @@ impl<'a> Reader<'a> {
             found[k] = self.index(words[k])?;
             if found[..k].contains(&found[k]) {
                 return Err(self.cursor.fail(
-                    Problem::Expected {
+                    ReadProblem::Expected {
                         what: "different points",
                     },
                     words[k],
@@ -284,7 +284,7 @@ impl<'a> Reader<'a> {
         let ends = [self.index(a)?, self.index(b)?];
         if ends[0] == ends[1] {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "different points",
                 },
                 b,
@@ -293,7 +293,7 @@ impl<'a> Reader<'a> {
         let stiffness = number(word).map_err(|problem| self.cursor.fail(problem, word))?;
         if !(stiffness > 0.0 && stiffness.is_finite()) {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "a positive stiffness",
                 },
                 word,

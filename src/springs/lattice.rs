@@ -39,11 +39,11 @@ use aligned::Aligned;
 pub use error::LatticeError;
 use error::value;
 use kernel::{Carried, Frame, Sloped, Spring};
-pub use rest::{Rest, Settled};
-pub use shape::Shape;
+pub use rest::{LatticeRestSettings, LatticeSettled};
+pub use shape::LatticeShape;
 pub use stability::{largest_stiffness, stability_limit};
 
-use super::damping::{self, Body};
+use super::damping::{self, DampedBody};
 use super::neighbours::Neighbours;
 use crate::simd::{Number, SimdWidth};
 
@@ -68,7 +68,7 @@ impl Stiffness {
 
 /// Springs, mass, damping and time step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct LatticeSettings {
     /// Number of neighbours.
     pub neighbours: Neighbours,
     /// Stiffness D.
@@ -77,13 +77,13 @@ pub struct Settings {
     pub diagonal: f64,
     /// Mass m of a point \[kg\].
     pub mass: f64,
-    /// Damping c of a point \[N s/m\]; `None` means [`Settings::damping_estimate`].
+    /// Damping c of a point \[N s/m\]; `None` means [`LatticeSettings::damping_estimate`].
     pub damping: Option<f64>,
     /// Time step dt \[s\]; `None` means half of [`stability_limit`].
     pub time_step: Option<f64>,
 }
 
-impl Settings {
+impl LatticeSettings {
     /// `D = 1/l0`, mass 1, estimated damping and time step.
     pub fn new(neighbours: Neighbours) -> Self {
         Self {
@@ -97,9 +97,9 @@ impl Settings {
     }
 
     /// Parameters for the estimate of the damping; `None` for a single point.
-    pub fn body(&self, shape: &Shape) -> Option<Body> {
+    pub fn body(&self, shape: &LatticeShape) -> Option<DampedBody> {
         let (side, spacing) = shape.longest()?;
-        Some(Body {
+        Some(DampedBody {
             mass: self.mass,
             tension: self.stiffness.of(spacing) * spacing,
             side,
@@ -109,7 +109,7 @@ impl Settings {
 
     /// Estimated damping for the fastest approach to rest \[N s/m\]: [`damping::estimate`]; 0 for a
     /// single point.
-    pub fn damping_estimate(&self, shape: &Shape) -> f64 {
+    pub fn damping_estimate(&self, shape: &LatticeShape) -> f64 {
         self.body(shape)
             .map_or(0.0, |body| damping::estimate(self.neighbours, body))
     }
@@ -130,8 +130,8 @@ impl Settings {
 /// A lattice of points with springs, computed in `f32` or `f64`.
 #[derive(Clone, Debug)]
 pub struct Lattice<F> {
-    shape: Shape,
-    settings: Settings,
+    shape: LatticeShape,
+    settings: LatticeSettings,
     damping: f64,
     time_step: f64,
     frame: Frame<F>,
@@ -156,7 +156,7 @@ impl<F: Number> Lattice<F> {
     ///
     /// # Errors
     /// [`LatticeError`] for an invalid number, or for a time step above [`stability_limit`].
-    pub fn new(shape: Shape, settings: Settings) -> Result<Self, LatticeError> {
+    pub fn new(shape: LatticeShape, settings: LatticeSettings) -> Result<Self, LatticeError> {
         let lattice = Self::unchecked(shape, settings)?;
         let (limit, time_step) = (lattice.stability_limit(), lattice.time_step);
         if time_step < limit {
@@ -180,7 +180,7 @@ impl<F: Number> Lattice<F> {
     ///
     /// # Errors
     /// [`LatticeError`] for an invalid number.
-    pub fn unchecked(shape: Shape, settings: Settings) -> Result<Self, LatticeError> {
+    pub fn unchecked(shape: LatticeShape, settings: LatticeSettings) -> Result<Self, LatticeError> {
         shape.check()?;
         settings.check()?;
         let damping = settings
@@ -224,12 +224,12 @@ impl<F: Number> Lattice<F> {
     }
 
     /// The points at rest.
-    pub fn shape(&self) -> &Shape {
+    pub fn shape(&self) -> &LatticeShape {
         &self.shape
     }
 
     /// The settings of the lattice.
-    pub fn settings(&self) -> &Settings {
+    pub fn settings(&self) -> &LatticeSettings {
         &self.settings
     }
 
@@ -380,7 +380,7 @@ impl<F: Number> Lattice<F> {
     }
 }
 
-fn frame<F: Number>(shape: &Shape, settings: &Settings, lost: f64) -> Frame<F> {
+fn frame<F: Number>(shape: &LatticeShape, settings: &LatticeSettings, lost: f64) -> Frame<F> {
     let [nx, ny, _] = shape.points;
     let run = nx.next_multiple_of(F::ROW);
     let all = stability::directions(shape, settings);

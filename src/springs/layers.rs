@@ -25,7 +25,7 @@ pub struct LayerMaterial {
 
 /// A patch in two layers: point i of the patch is i in the first and `count + i` in the second.
 #[derive(Clone, Debug)]
-pub struct Layers {
+pub struct DoubleLayer {
     /// Positions [m], the first layer first.
     pub position: Vec<Point3<f64>>,
     /// Springs in and between the layers.
@@ -48,7 +48,7 @@ pub fn layers(
     topology: &Topology,
     offset: Vector3<f64>,
     material: LayerMaterial,
-) -> Layers {
+) -> DoubleLayer {
     let count = patch.vertices.len();
     let edges = membrane(
         patch,
@@ -88,7 +88,7 @@ pub fn layers(
     }
     let rim = (0..below).filter(|&v| on_rim[v as usize]);
     let rim = rim.clone().chain(rim.map(|v| v + below)).collect();
-    Layers {
+    DoubleLayer {
         position,
         springs,
         rim,

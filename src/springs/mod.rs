@@ -6,28 +6,38 @@
 //! gathered by point over sorted neighbours, and sums use fixed trees: results do not depend on the
 //! order of the springs or on the number of threads.
 
-pub mod anchors;
-pub mod angular;
-pub mod buckling;
+pub(crate) mod anchors;
+pub(crate) mod angular;
+pub(crate) mod buckling;
 #[cfg(feature = "contact")]
 pub mod contact;
 pub mod damping;
-pub mod force;
+pub(crate) mod force;
 pub mod format;
-pub mod hooke;
+pub(crate) mod hooke;
 pub mod integrators;
 pub mod lattice;
-pub mod layers;
+pub(crate) mod layers;
 pub mod mass;
 mod neighbours;
-pub mod pairs;
+pub(crate) mod pairs;
 pub mod patterns;
-pub mod rest;
-pub mod stability;
+pub(crate) mod rest;
+pub(crate) mod stability;
 pub mod stiffness;
-pub mod system;
-pub mod volume;
+pub(crate) mod system;
+pub(crate) mod volume;
+
+pub use anchors::anchors;
+pub use angular::{AngularSpring, angular_springs};
+pub use buckling::{Buckling, Strips};
+pub use hooke::{Hooke, Springs};
+pub use layers::{DoubleLayer, LayerMaterial, layers};
+pub use pairs::{Law, PairError, Pairs};
+pub use rest::{RestEnd, RestSettings, Settled, StepRecord, settle, settle_by};
+pub use stability::{Mode, Stiffest, limit, stiffest};
+pub use volume::{CentreSprings, TrueVolume, VolumeError};
 
 pub use force::Force;
 pub use neighbours::Neighbours;
-pub use system::{Energy, SpringSystem, SystemError};
+pub use system::{SpringEnergy, SpringSystem, SystemError};

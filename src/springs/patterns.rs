@@ -4,13 +4,16 @@ use nalgebra::Point3;
 
 use super::angular::AngularSpring;
 use super::hooke::Hooke;
-use super::lattice::Shape;
+use super::lattice::LatticeShape;
 use super::neighbours::Neighbours;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
 
 /// The two ends of each spring of a lattice, the lower one first, in the order of the points.
-pub fn lattice(shape: &Shape, neighbours: Neighbours) -> impl Iterator<Item = [u32; 2]> + use<> {
+pub fn lattice(
+    shape: &LatticeShape,
+    neighbours: Neighbours,
+) -> impl Iterator<Item = [u32; 2]> + use<> {
     let points = shape.points;
     (0..)
         .zip(shape.each())

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::integrators::{Integrator, StepError};
-use super::system::{Energy, SpringSystem};
+use super::system::{SpringEnergy, SpringSystem};
 use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::rest::{self, Relax, all_within, relax};
 
@@ -13,14 +13,14 @@ use crate::rest::{self, Relax, all_within, relax};
 /// ratio, and slow decay satisfies it hundreds of steps too early (errata B09). Force and motion
 /// must both be small.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rest {
+pub struct RestSettings {
     /// Greatest force without damping on a free point [N].
     pub force: f64,
     /// Kinetic energy [J].
     pub energy: f64,
 }
 
-impl Rest {
+impl RestSettings {
     /// A criterion relative to the force that stretches the springs of a point by their rest
     /// length, and by the square of `share` relative to the energy of doing so everywhere.
     ///
@@ -52,14 +52,14 @@ pub struct StepRecord {
     /// Greatest move of a point [m].
     pub greatest_move: f64,
     /// Energies [J].
-    pub energy: Energy,
+    pub energy: SpringEnergy,
     /// Greatest force without damping on a free point [N].
     pub residual: f64,
 }
 
 /// End of a run to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum End {
+pub enum RestEnd {
     /// The system is at rest.
     Rest,
     /// The system is not at rest after the greatest number of steps.
@@ -74,7 +74,7 @@ pub enum End {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settled {
     /// Reason of the end.
-    pub end: End,
+    pub end: RestEnd,
     /// Number of steps.
     pub steps: usize,
     /// Measures of the last step.
@@ -87,7 +87,7 @@ pub fn settle(
     system: &mut SpringSystem,
     integrator: &mut dyn Integrator,
     dt: f64,
-    rest: Rest,
+    rest: RestSettings,
     steps: usize,
     mut watch: impl FnMut(&SpringSystem, &StepRecord) -> bool,
 ) -> Settled {
@@ -99,7 +99,7 @@ pub fn settle(
 pub fn settle_by(
     system: &mut SpringSystem,
     advance: impl FnMut(&mut SpringSystem) -> Result<f64, StepError>,
-    rest: Rest,
+    rest: RestSettings,
     steps: usize,
     watch: &mut dyn FnMut(&SpringSystem, &StepRecord) -> bool,
 ) -> Settled {
@@ -117,10 +117,10 @@ pub fn settle_by(
     });
     Settled {
         end: match ended {
-            Ok(rest::End::Rest) => End::Rest,
-            Ok(rest::End::Stopped) => End::Stopped,
-            Ok(rest::End::Steps | rest::End::Stuck) => End::Steps,
-            Err(error) => End::Failed(error),
+            Ok(rest::End::Rest) => RestEnd::Rest,
+            Ok(rest::End::Stopped) => RestEnd::Stopped,
+            Ok(rest::End::Steps | rest::End::Stuck) => RestEnd::Steps,
+            Err(error) => RestEnd::Failed(error),
         },
         steps: settling.steps,
         last: settling.last,
@@ -131,7 +131,7 @@ pub fn settle_by(
 struct Settling<'a, A> {
     system: &'a mut SpringSystem,
     advance: A,
-    rest: Rest,
+    rest: RestSettings,
     steps: usize,
     /// The last step [s].
     dt: f64,

@@ -49,7 +49,7 @@ pub enum SystemError {
 
 /// Energy of a system [J].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Energy {
+pub struct SpringEnergy {
     /// Kinetic energy.
     pub kinetic: f64,
     /// Stored in springs and volumes.
@@ -58,7 +58,7 @@ pub struct Energy {
     pub loads: f64,
 }
 
-impl Energy {
+impl SpringEnergy {
     /// Total energy [J]; constant without damping.
     pub fn total(self) -> f64 {
         self.kinetic + self.stored + self.loads
@@ -246,7 +246,7 @@ impl SpringSystem {
     }
 
     /// Energy at the present positions and velocities.
-    pub fn energy(&self) -> Energy {
+    pub fn energy(&self) -> SpringEnergy {
         let kinetic = tree_sum_by(self.len(), |i| {
             0.5 * self.mass[i] * self.velocity[i].norm_squared()
         });
@@ -254,7 +254,7 @@ impl SpringSystem {
         let loads = tree_sum_by(self.load.len().min(self.len()), |i| {
             -self.load[i].dot(&self.position[i].coords)
         });
-        Energy {
+        SpringEnergy {
             kinetic,
             stored,
             loads,

@@ -1,7 +1,7 @@
 //! VTP files whose compressed arrays are arbitrary bytes; the surrounding parts are corrected,
 //! since most mutations would make them invalid.
 
-use super::loaders::{Breach, Outcome, check_reader};
+use super::loaders::{Breach, LoadOutcome, check_reader};
 use crate::io::read_bytes;
 
 /// Compressor names, indexed by the lowest two bits of the first byte.
@@ -141,7 +141,7 @@ pub fn block_file(choice: u8, size: u64, payload: &[u8]) -> Vec<u8> {
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_blocks(bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_blocks(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     check_reader(&file(bytes), |bytes| read_bytes(bytes, "a.vtp"))
 }
 
@@ -173,12 +173,12 @@ mod tests {
                 let bytes = whole(choice | more << 2, &packed);
                 assert_eq!(
                     check_blocks(&bytes),
-                    Ok(Outcome::Accepted),
+                    Ok(LoadOutcome::Accepted),
                     "{choice} {more}"
                 );
                 assert_eq!(
                     check_blocks(&bytes[..bytes.len() - 3]),
-                    Ok(Outcome::Refused),
+                    Ok(LoadOutcome::Refused),
                     "{choice} {more}"
                 );
             }

@@ -1,14 +1,14 @@
 //! Promise of the reader of collections for any bytes: a collection that is read again unchanged,
 //! or a helpful error (P45).
 
-use super::loaders::{Breach, Outcome, caught, check_error};
+use super::loaders::{Breach, LoadOutcome, caught, check_error};
 use crate::io::pvd::{is_below, read_bytes};
 
 /// Checks the reader and the writer of collections with the given bytes.
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_collection(bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_collection(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let collection = match caught(|| read_bytes(bytes, "a.pvd"))? {
         Err(error) => return check_error(&error, bytes),
         Ok(collection) => collection,
@@ -32,7 +32,7 @@ pub fn check_collection(bytes: &[u8]) -> Result<Outcome, Breach> {
         })
     };
     match read_bytes(&text, "a.pvd") {
-        Ok(again) if again == collection => Ok(Outcome::Accepted),
+        Ok(again) if again == collection => Ok(LoadOutcome::Accepted),
         Ok(_) => changed("something else is read".to_owned()),
         Err(error) => changed(error.terse()),
     }

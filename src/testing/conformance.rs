@@ -348,7 +348,7 @@ fn rotation<C: Spec<K>, const K: usize>(
 mod tests {
     use super::*;
     use crate::constraints::{EnclosedVolume, ForEachKind, KINDS, for_each_kind};
-    use crate::testing::{Broken, CONTROLS, Volume};
+    use crate::testing::{BrokenConstraint, CONTROLS, VolumeSubject};
 
     struct Conformance(Vec<&'static str>);
     impl ForEachKind for Conformance {
@@ -379,7 +379,7 @@ mod tests {
                 &parameters,
             ));
             for &(control, how) in CONTROLS {
-                let broken = Broken { subject, how };
+                let broken = BrokenConstraint { subject, how };
                 let caught = check(C::NAME, &broken, &x, 0.1, &mut draw);
                 assert!(
                     caught.is_err(),
@@ -395,7 +395,7 @@ mod tests {
         for_each_kind(&mut Rejected);
     }
 
-    fn tetrahedron(size: f64) -> (Volume, Vec<Point3<f64>>) {
+    fn tetrahedron(size: f64) -> (VolumeSubject, Vec<Point3<f64>>) {
         let x = [
             [0.94, 0.0, -0.33],
             [-0.47, 0.81, -0.33],
@@ -410,7 +410,7 @@ mod tests {
             0.0,
         );
         (
-            Volume {
+            VolumeSubject {
                 constraint,
                 count: 4,
             },
@@ -426,7 +426,7 @@ mod tests {
             check("enclosed volume", &subject, &x, 0.1 * size, &mut draw)
                 .unwrap_or_else(|f| panic!("{f}"));
             for &(control, how) in CONTROLS {
-                let broken = Broken {
+                let broken = BrokenConstraint {
                     subject: subject.clone(),
                     how,
                 };
@@ -451,7 +451,7 @@ mod tests {
     fn a_gradient_of_a_millimetre_tetrahedron_that_is_zero_is_rejected() {
         // The usual relative error with a floor of 1 accepts it.
         let (subject, x) = tetrahedron(1e-3);
-        let broken = Broken {
+        let broken = BrokenConstraint {
             subject,
             how: |g| g.fill(Vector3::zeros()),
         };

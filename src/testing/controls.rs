@@ -7,7 +7,7 @@ use crate::constraints::Scalar;
 
 /// A subject with a wrong gradient.
 #[derive(Clone, Debug)]
-pub struct Broken<T> {
+pub struct BrokenConstraint<T> {
     /// The correct subject.
     pub subject: T,
     /// The change of its gradient.
@@ -44,7 +44,7 @@ pub const CONTROLS: &[(&str, Deed)] = &[
     }),
 ];
 
-impl<T: Subject> Subject for Broken<T> {
+impl<T: Subject> Subject for BrokenConstraint<T> {
     fn count(&self) -> usize {
         self.subject.count()
     }

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use crate::io::{FORMATS, MeshFile, Place, ReadError, read_bytes};
+use crate::io::{FORMATS, FilePlace, MeshFile, ReadError, read_bytes};
 use crate::mesh::TriangleMesh;
 use crate::scene::content::Content;
 use crate::scene::{SceneError, Surroundings, parse_content};
@@ -90,7 +90,7 @@ pub enum Breach {
 
 /// Results that keep the promise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum LoadOutcome {
     /// A valid mesh or scene.
     Accepted,
     /// A helpful error.
@@ -102,7 +102,7 @@ pub enum Outcome {
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_target(name: &str, bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     match name {
         "blocks" => super::blocks::check_blocks(bytes),
         "scene" => check_scene(bytes),
@@ -124,7 +124,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let read = |bytes: &[u8]| check_reader(bytes, |bytes| read_bytes(bytes, &loader.file));
     if let (Some(start), false) = (
         loader.starts.last(),
@@ -134,7 +134,7 @@ pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<Outcome, Breach> {
     }
     let outcome = read(bytes)?;
     match sized_stl(bytes) {
-        Some(sized) if loader.name == "stl" && outcome == Outcome::Refused => read(&sized),
+        Some(sized) if loader.name == "stl" && outcome == LoadOutcome::Refused => read(&sized),
         _ => Ok(outcome),
     }
 }
@@ -155,7 +155,7 @@ fn sized_stl(bytes: &[u8]) -> Option<Vec<u8>> {
 pub fn check_reader(
     bytes: &[u8],
     read: impl FnOnce(&[u8]) -> Result<MeshFile, ReadError>,
-) -> Result<Outcome, Breach> {
+) -> Result<LoadOutcome, Breach> {
     match caught(|| read(bytes))? {
         Ok(file) => check_mesh(file),
         Err(error) => check_error(&error, bytes),
@@ -173,7 +173,7 @@ pub(super) fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
     })
 }
 
-fn check_mesh(file: MeshFile) -> Result<Outcome, Breach> {
+fn check_mesh(file: MeshFile) -> Result<LoadOutcome, Breach> {
     let count = file.mesh.vertices.len();
     let invalid = |detail: String| Err(Breach::Invalid { detail });
     if file.mesh.triangles.is_empty() && file.lines.is_empty() {
@@ -187,12 +187,12 @@ fn check_mesh(file: MeshFile) -> Result<Outcome, Breach> {
         return invalid(format!("line {line:?} of {count} vertices"));
     }
     match TriangleMesh::new(file.mesh.vertices, file.mesh.triangles) {
-        Ok(_) => Ok(Outcome::Accepted),
+        Ok(_) => Ok(LoadOutcome::Accepted),
         Err(error) => invalid(error.to_string()),
     }
 }
 
-pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Breach> {
+pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let text = error.terse();
     check_text(&text)?;
     let unhelpful = |wanted| {
@@ -215,11 +215,11 @@ pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Br
     }
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     match *place {
-        Place::Offset(offset) if offset > bytes.len() => unhelpful("an offset within the file"),
-        Place::Line(line) if !has_place(bytes, line, *column) => {
+        FilePlace::Offset(offset) if offset > bytes.len() => unhelpful("an offset within the file"),
+        FilePlace::Line(line) if !has_place(bytes, line, *column) => {
             unhelpful("a line and a column of the file")
         }
-        _ => Ok(Outcome::Refused),
+        _ => Ok(LoadOutcome::Refused),
     }
 }
 
@@ -315,7 +315,7 @@ fn has_place(bytes: &[u8], line: usize, column: Option<u32>) -> bool {
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_scene(bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_scene(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let text = String::from_utf8_lossy(bytes);
     let folder = Path::new("no-such-folder");
     let nothing = |_: &str| -> Option<OsString> { None };
@@ -332,12 +332,12 @@ pub fn check_scene(bytes: &[u8]) -> Result<Outcome, Breach> {
                 detail: format!("{} frames at {}", scene.frames, scene.frame_rate),
             })
         }
-        Ok(_) => Ok(Outcome::Accepted),
+        Ok(_) => Ok(LoadOutcome::Accepted),
         Err(error) => caught(|| check_scene_error(&error))?,
     }
 }
 
-fn check_scene_error(error: &SceneError) -> Result<Outcome, Breach> {
+fn check_scene_error(error: &SceneError) -> Result<LoadOutcome, Breach> {
     let text = error.terse();
     check_text(&text)?;
     if error.place().is_none() {
@@ -348,7 +348,7 @@ fn check_scene_error(error: &SceneError) -> Result<Outcome, Breach> {
     }
     // A caret marks these bytes.
     match error.source_text().get(error.span()) {
-        Some(_) => Ok(Outcome::Refused),
+        Some(_) => Ok(LoadOutcome::Refused),
         None => Err(Breach::Unhelpful {
             wanted: "an error that can be shown",
             text,

@@ -1,33 +1,33 @@
 //! Promise of a repair for any mesh: a valid mesh without the repaired defects, and a matching list
 //! of changes.
 
-use super::loaders::{Breach, Outcome};
+use super::loaders::{Breach, LoadOutcome};
 use super::round_trip::drawing;
 use crate::mesh::TriangleMesh;
 use crate::mesh::health::Health;
-use crate::mesh::repair::{Options, Repaired, Step, deviation, repair};
+use crate::mesh::repair::{RepairOptions, RepairStep, Repaired, deviation, repair};
 
 /// Examines and repairs a mesh made from bytes, with options from the first two bytes.
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_repair(bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_repair(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let (&[choice, holes], rest) = bytes.split_first_chunk().unwrap_or((&[0, 0], bytes));
     let (mut mesh, lines) = drawing(rest);
     // Readers leave these out.
     mesh.triangles
         .retain(|[a, b, c]| a != b && b != c && c != a);
     let Ok(mesh) = TriangleMesh::new(mesh.vertices, mesh.triangles) else {
-        return Ok(Outcome::Refused);
+        return Ok(LoadOutcome::Refused);
     };
     if lines
         .iter()
         .flatten()
         .any(|v| *v as usize >= mesh.vertices.len())
     {
-        return Ok(Outcome::Refused);
+        return Ok(LoadOutcome::Refused);
     }
-    let options = Options {
+    let options = RepairOptions {
         merge_within: if choice & 1 == 1 {
             mesh.length() * f64::from(choice) / 512.0
         } else {
@@ -40,7 +40,7 @@ pub fn check_repair(bytes: &[u8]) -> Result<Outcome, Breach> {
     check_repaired(&mesh, &lines, &repaired)?;
     // Distances overflow for extremely large coordinates; the function must still run.
     let _ = deviation(&mesh, &repaired.mesh);
-    Ok(Outcome::Accepted)
+    Ok(LoadOutcome::Accepted)
 }
 
 /// Checks the repair of a mesh with valid indices and finite coordinates.
@@ -96,10 +96,10 @@ pub fn check_repaired(
     }
     for change in &repaired.changes {
         let of_vertices = [
-            Step::MergedVertices,
-            Step::SplitVertices,
-            Step::ClosedHoles,
-            Step::DroppedVertices,
+            RepairStep::MergedVertices,
+            RepairStep::SplitVertices,
+            RepairStep::ClosedHoles,
+            RepairStep::DroppedVertices,
         ]
         .contains(&change.step);
         let most = if of_vertices {
@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn control_broken_promises_are_noticed() {
         let mesh = icosphere(1.0, 1);
-        let right = repair(&mesh, &[vec![0, 1]], &Options::default());
+        let right = repair(&mesh, &[vec![0, 1]], &RepairOptions::default());
         assert_eq!(check_repaired(&mesh, &[vec![0, 1]], &right), Ok(()));
         let with = |change: &dyn Fn(&mut Repaired)| {
             let mut wrong = right.clone();

@@ -23,11 +23,11 @@ pub mod tolerances;
 pub use blocks::block_file;
 pub use collections::check_collection;
 pub use conformance::{Failure, check, check_constraint};
-pub use controls::{Broken, CONTROLS};
+pub use controls::{BrokenConstraint, CONTROLS};
 pub use draw::Draw;
 pub use dual::{Dual, Tracked};
 pub use loaders::{
-    Breach, Loader, Outcome, check_loader, check_reader, check_scene, check_target, loaders,
+    Breach, LoadOutcome, Loader, check_loader, check_reader, check_scene, check_target, loaders,
 };
 pub use mending::{check_repair, check_repaired};
 pub use mutations::{Mutator, dictionary};
@@ -36,4 +36,4 @@ pub use round_trip::{check_round_trip, drawing};
 pub use scratch::Scratch;
 pub use seeds::seeds;
 pub use spring_files::check_spring_file;
-pub use subject::{Subject, Volume};
+pub use subject::{Subject, VolumeSubject};

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::loaders::{Breach, Outcome, caught};
+use super::loaders::{Breach, LoadOutcome, caught};
 use crate::scene::parse;
 use crate::simulation::Simulation;
 use crate::simulation::checkpoint::Checkpoint;
@@ -77,7 +77,7 @@ pub(super) fn states() -> Vec<Vec<u8>> {
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_state(bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_state(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let opened = caught(|| {
         Checkpoint::open(bytes)
             .err()
@@ -85,7 +85,7 @@ pub fn check_state(bytes: &[u8]) -> Result<Outcome, Breach> {
     })?;
     check_words(opened.unwrap_or_default())?;
     let [solver, state @ ..] = bytes else {
-        return Ok(Outcome::Refused);
+        return Ok(LoadOutcome::Refused);
     };
     let Some(mut simulation) = small(usize::from(*solver)) else {
         return Err(Breach::Invalid {
@@ -96,12 +96,12 @@ pub fn check_state(bytes: &[u8]) -> Result<Outcome, Breach> {
     let restored = caught(|| simulation.restore(&mut from).and_then(|()| from.end()))?;
     if let Err(corrupt) = restored {
         check_words(corrupt.to_string())?;
-        return Ok(Outcome::Refused);
+        return Ok(LoadOutcome::Refused);
     }
     let mut writer = Writer::default();
     simulation.save(&mut writer);
     if writer.bytes == state {
-        return Ok(Outcome::Accepted);
+        return Ok(LoadOutcome::Accepted);
     }
     Err(Breach::Changed {
         writer: "state",

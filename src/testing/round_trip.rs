@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
 
-use super::loaders::{Breach, Outcome};
+use super::loaders::{Breach, LoadOutcome};
 use crate::io::{MeshFile, Warning, obj, ply, read, stl, vtk, vtp};
 use crate::mesh::TriangleMesh;
 
@@ -35,13 +35,13 @@ const WRITERS: [Writer; 9] = [
     },
     Writer {
         name: "t.vtk",
-        write: |p, (m, l)| vtk::write(p, m, l, vtk::Encoding::Ascii),
+        write: |p, (m, l)| vtk::write(p, m, l, vtk::VtkEncoding::Ascii),
         keeps_lines: true,
         corners: None,
     },
     Writer {
         name: "b.vtk",
-        write: |p, (m, l)| vtk::write(p, m, l, vtk::Encoding::Binary),
+        write: |p, (m, l)| vtk::write(p, m, l, vtk::VtkEncoding::Binary),
         keeps_lines: true,
         corners: None,
     },
@@ -53,31 +53,31 @@ const WRITERS: [Writer; 9] = [
     },
     Writer {
         name: "t.ply",
-        write: |p, (m, _)| ply::write(p, m, &[], ply::Encoding::Text),
+        write: |p, (m, _)| ply::write(p, m, &[], ply::PlyEncoding::Text),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "l.ply",
-        write: |p, (m, _)| ply::write(p, m, &[], ply::Encoding::Little),
+        write: |p, (m, _)| ply::write(p, m, &[], ply::PlyEncoding::Little),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "b.ply",
-        write: |p, (m, _)| ply::write(p, m, &[], ply::Encoding::Big),
+        write: |p, (m, _)| ply::write(p, m, &[], ply::PlyEncoding::Big),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "t.stl",
-        write: |p, (m, _)| stl::write(p, m, stl::Encoding::Text),
+        write: |p, (m, _)| stl::write(p, m, stl::StlEncoding::Text),
         keeps_lines: false,
         corners: Some(|c| c + 0.0),
     },
     Writer {
         name: "b.stl",
-        write: |p, (m, _)| stl::write(p, m, stl::Encoding::Binary),
+        write: |p, (m, _)| stl::write(p, m, stl::StlEncoding::Binary),
         keeps_lines: false,
         corners: Some(|c| f64::from(c as f32) + 0.0),
     },
@@ -131,9 +131,9 @@ pub fn drawing(bytes: &[u8]) -> (TriangleMesh, Vec<Vec<u32>>) {
 ///
 /// # Errors
 /// A different file, an error for a mesh that can be written, or no error for one that cannot.
-pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_round_trip(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let drawing = drawing(bytes);
-    let mut outcome = Outcome::Refused;
+    let mut outcome = LoadOutcome::Refused;
     for writer in &WRITERS {
         let path = scratch(writer.name);
         let done = (writer.write)(&path, &drawing);
@@ -141,8 +141,8 @@ pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
         // Not every mesh gives a file.
         let _ = std::fs::remove_file(&path);
         match result {
-            Ok(Outcome::Accepted) => outcome = Outcome::Accepted,
-            Ok(Outcome::Refused) => {}
+            Ok(LoadOutcome::Accepted) => outcome = LoadOutcome::Accepted,
+            Ok(LoadOutcome::Refused) => {}
             Err(detail) => {
                 return Err(Breach::Changed {
                     writer: writer.name,
@@ -171,7 +171,7 @@ fn compare(
     drawing: &Drawing,
     path: &Path,
     done: io::Result<()>,
-) -> Result<Outcome, String> {
+) -> Result<LoadOutcome, String> {
     let (mesh, lines) = drawing;
     let finite = |c: &f64| c.is_finite() && writer.corners.is_none_or(|of| of(*c).is_finite());
     let count = mesh.vertices.len();
@@ -188,19 +188,19 @@ fn compare(
     if let Err(error) = done {
         let right = !(numbers && indices && ends);
         return if right && !path.exists() {
-            Ok(Outcome::Refused)
+            Ok(LoadOutcome::Refused)
         } else {
             Err(format!("not written: {error}"))
         };
     }
     let expected = Expected::of(writer, mesh, lines);
     match read(path) {
-        Ok(file) if numbers && indices && ends => {
-            expected.compare(&file, writer).map(|()| Outcome::Accepted)
-        }
+        Ok(file) if numbers && indices && ends => expected
+            .compare(&file, writer)
+            .map(|()| LoadOutcome::Accepted),
         Ok(_) => Err("a mesh that is none was written and read".into()),
         // The writer of frames accepts any mesh; its readers reject an invalid one.
-        Err(_) if !numbers || !ends || expected.is_empty() => Ok(Outcome::Refused),
+        Err(_) if !numbers || !ends || expected.is_empty() => Ok(LoadOutcome::Refused),
         Err(error) => Err(error.terse()),
     }
 }
@@ -302,8 +302,8 @@ mod tests {
             (mesh.vertices[3], mesh.triangles.len(), lines),
             (Point3::new(1., 1., 3.), 2, vec![vec![0, 3]])
         );
-        assert_eq!(check_round_trip(&plain()), Ok(Outcome::Accepted));
-        assert_eq!(check_round_trip(b""), Ok(Outcome::Refused));
+        assert_eq!(check_round_trip(&plain()), Ok(LoadOutcome::Accepted));
+        assert_eq!(check_round_trip(b""), Ok(LoadOutcome::Refused));
     }
 
     #[test]

@@ -489,7 +489,7 @@ fn repair() -> Vec<Vec<u8>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Outcome, check_target, loaders};
+    use super::super::{LoadOutcome, check_target, loaders};
     use super::*;
 
     /// A seed that no reader accepts would only exercise rejections.
@@ -506,7 +506,7 @@ mod tests {
                 let text = String::from_utf8_lossy(&seed);
                 assert_eq!(
                     check_target(target, &seed),
-                    Ok(Outcome::Accepted),
+                    Ok(LoadOutcome::Accepted),
                     "{target}: {text}"
                 );
             }

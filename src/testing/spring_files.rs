@@ -1,20 +1,20 @@
 //! Promise of the reader of spring systems for any bytes: a valid system, or a helpful error (P45).
 
-use super::loaders::{Breach, Outcome, caught, check_error};
+use super::loaders::{Breach, LoadOutcome, caught, check_error};
 use crate::springs::format::{SpringFile, read_bytes, write_to};
 
 /// Checks the reader and the writer of spring systems with the given bytes.
 ///
 /// # Errors
 /// The first broken promise.
-pub fn check_spring_file(bytes: &[u8]) -> Result<Outcome, Breach> {
+pub fn check_spring_file(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     match caught(|| read_bytes(bytes, "a.springs"))? {
         Err(error) => check_error(&error, bytes),
         Ok(file) => check_file(file),
     }
 }
 
-fn check_file(file: SpringFile) -> Result<Outcome, Breach> {
+fn check_file(file: SpringFile) -> Result<LoadOutcome, Breach> {
     let invalid = |detail: &str| {
         Err(Breach::Invalid {
             detail: detail.to_owned(),
@@ -59,7 +59,7 @@ fn check_file(file: SpringFile) -> Result<Outcome, Breach> {
         ..file
     };
     match read_bytes(&text, "a.springs") {
-        Ok(again) if without(again.clone()) == without(file.clone()) => Ok(Outcome::Accepted),
+        Ok(again) if without(again.clone()) == without(file.clone()) => Ok(LoadOutcome::Accepted),
         Ok(_) => Err(Breach::Changed {
             writer: "springs",
             detail: "something else is read".to_owned(),

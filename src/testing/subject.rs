@@ -34,14 +34,14 @@ impl<C: Constraint<K>, const K: usize> Subject for Fixed<C, K> {
 
 /// The enclosed volume of a surface with some number of vertices as a subject.
 #[derive(Clone, Debug)]
-pub struct Volume {
+pub struct VolumeSubject {
     /// The constraint.
     pub constraint: EnclosedVolume,
     /// Number of vertices.
     pub count: usize,
 }
 
-impl Subject for Volume {
+impl Subject for VolumeSubject {
     fn count(&self) -> usize {
         self.count
     }

@@ -7,10 +7,9 @@ use std::fs;
 use std::path::Path;
 
 use pliant::io::FORMATS;
-use pliant::scene::Material;
-use pliant::scene::effects::{EFFECTS, material_constants};
-use pliant::scene::keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
-use pliant::scene::solvers::SOLVERS;
+use pliant::scene::{
+    EFFECTS, KeyKind, KeySpec, KeyValue, Limit, Material, SOLVERS, Slider, material_constants,
+};
 
 /// A file: its path from the root and its code.
 type Source = (String, String);

@@ -10,7 +10,8 @@ use std::time::Duration;
 
 use nalgebra::{Point3, Vector3};
 use pliant::accuracy::{
-    self, Distance, Options, Question, Row, Status, Study, StudyError, choose, measure,
+    self, FrameDistance, SolverQuestion, Status, Study, StudyError, StudyOptions, StudyRow, choose,
+    measure,
 };
 use pliant::io::Encoding;
 use pliant::mesh::shapes::{icosphere, tube};
@@ -99,7 +100,7 @@ fn scene(name: &str, solver: &str) -> (Scene, Assets) {
 
 fn study(name: &str, solver: &str) -> Study {
     let (scene, assets) = scene(name, solver);
-    let options = Options {
+    let options = StudyOptions {
         budget: Duration::from_secs(20),
         frames: Some(3),
         threads: 1,
@@ -111,15 +112,15 @@ fn study(name: &str, solver: &str) -> Study {
 static MOTION: LazyLock<Study> =
     LazyLock::new(|| study("motion", "[solver.xpbd]\nsubsteps = 20\n"));
 
-fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
+fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a StudyRow> {
     study
         .rows
         .iter()
         .filter(move |row| row.candidate.solver_key() == solver)
 }
 
-fn with_one_sweep(study: &Study, substeps: u32) -> &Row {
-    let wanted = |row: &&Row| {
+fn with_one_sweep(study: &Study, substeps: u32) -> &StudyRow {
+    let wanted = |row: &&StudyRow| {
         row.candidate.solver.substeps() == substeps && row.candidate.solver.iterations() == 1
     };
     of(study, "xpbd")
@@ -130,7 +131,7 @@ fn with_one_sweep(study: &Study, substeps: u32) -> &Row {
 #[test]
 fn errors_of_a_motion_fall_towards_its_reference() {
     let study = &*MOTION;
-    assert_eq!((study.question, study.frames), (Question::Motion, 3));
+    assert_eq!((study.question, study.frames), (SolverQuestion::Motion, 3));
     let uncertainty = study.reference.uncertainty.rms;
     assert!(
         uncertainty <= 0.01 * study.length,
@@ -157,7 +158,7 @@ fn errors_of_a_motion_fall_towards_its_reference() {
     );
     for row in &study.rows {
         assert!(row.volume_error <= 1e-6, "{row:?}");
-        let own = Question::of(&row.candidate.solver) == Some(study.question);
+        let own = SolverQuestion::of(&row.candidate.solver) == Some(study.question);
         assert_eq!(row.model_error_m == 0.0, own, "{row:?}");
     }
     let chosen = &study.recommended[0];
@@ -168,7 +169,7 @@ fn errors_of_a_motion_fall_towards_its_reference() {
     for other in study
         .rows
         .iter()
-        .filter(|r| accuracy::choice::reaches(r, chosen.target * study.length))
+        .filter(|r| accuracy::reaches(r, chosen.target * study.length))
     {
         assert!(row.time_s <= other.time_s, "{other:?} is faster");
     }
@@ -177,8 +178,8 @@ fn errors_of_a_motion_fall_towards_its_reference() {
 #[test]
 fn errors_of_an_equilibrium_fall_with_its_tolerance() {
     let study = study("equilibrium", "[solver.quasi_static]\n");
-    assert_eq!(study.question, Question::Equilibrium);
-    let tolerance = |row: &Row| match row.candidate.solver {
+    assert_eq!(study.question, SolverQuestion::Equilibrium);
+    let tolerance = |row: &StudyRow| match row.candidate.solver {
         Solver::QuasiStatic(s) if s.iterations > 100 => Some(s.tolerance),
         _ => None,
     };
@@ -203,7 +204,7 @@ fn a_wrong_reference_is_seen() {
         .iter()
         .map(|frame| frame.iter().map(|p| p + shift).collect())
         .collect();
-    let distance = Distance::between(study.reference.frames(), &moved);
+    let distance = FrameDistance::between(study.reference.frames(), &moved);
     assert!((distance.rms - shift.norm()).abs() <= T4 * shift.norm());
     assert!(worst([(distance.max - distance.rms).abs()]) <= T4 * shift.norm());
 }
@@ -246,7 +247,7 @@ fn an_accuracy_is_kept_or_said_to_be_missed() {
 #[test]
 fn what_has_no_energy_or_no_time_is_refused() {
     let (pbd, assets) = scene("refused", "[solver.pbd]\n");
-    let options = Options {
+    let options = StudyOptions {
         budget: Duration::from_secs(5),
         frames: Some(2),
         threads: 1,

@@ -1,15 +1,16 @@
 //! The geometric muscle: sample values of the digest, its errata as controls, properties of random
 //! chains, meshes, frames, files.
 
-use pliant::geometric::surface::{Fineness, surface};
-use pliant::geometric::{Caps, Chain, ChainError, Frame, FrameError, Shape, file};
+use pliant::geometric::{
+    Caps, Chain, ChainError, ChainShape, Fineness, Frame, FrameError, file, surface,
+};
 use pliant::mesh::{Topology, measures};
 use proptest::prelude::*;
 
 use crate::tolerances::{T1, T14};
 
 fn chain(radii: &[f64], growth: &[f64], length: f64) -> Chain {
-    let shape = Shape {
+    let shape = ChainShape {
         radii: radii.to_vec(),
         growth: growth.to_vec(),
         length,
@@ -101,7 +102,7 @@ fn printed(chain: &Chain, length: f64) -> Vec<f64> {
 #[test]
 fn printed_coefficients_do_not_keep_the_volume() {
     let off = |chain: &Chain, length: f64| {
-        let other = Shape {
+        let other = ChainShape {
             radii: printed(chain, length),
             length,
             ..chain.rest().clone()
@@ -245,7 +246,7 @@ fn g6_small_changes_are_not_lost_in_rounding() {
 
 #[test]
 fn g7_negative_multipliers_and_radii_are_refused() {
-    let shape = Shape {
+    let shape = ChainShape {
         radii: vec![2.0; 5],
         growth: vec![-1.0, -1.0, -0.5, -1.0, -1.0],
         length: 20.0,
@@ -282,7 +283,7 @@ fn g7_negative_multipliers_and_radii_are_refused() {
 #[test]
 fn g8_round_ends_change_the_volume_unless_they_count() {
     let cylinder = |caps| {
-        Chain::new(Shape {
+        Chain::new(ChainShape {
             radii: vec![2.0; 5],
             growth: vec![1.0; 5],
             length: 20.0,
@@ -331,12 +332,12 @@ fn a_thousand_changes_leave_no_trace() {
 }
 
 /// Radii, multipliers, caps.
-fn drawn() -> impl Strategy<Value = Shape> {
+fn drawn() -> impl Strategy<Value = ChainShape> {
     let nodes = prop::collection::vec((0.01..10.0f64, 0.0..5.0f64), 2..40);
     (nodes, 0.1..100.0f64, any::<bool>()).prop_map(|(nodes, length, inside)| {
         let (radii, mut growth): (Vec<f64>, Vec<f64>) = nodes.into_iter().unzip();
         growth[0] += 0.1;
-        Shape {
+        ChainShape {
             radii,
             growth,
             length,
@@ -444,7 +445,7 @@ fn meshes_are_closed_and_hold_the_volume_of_the_frusta() {
     let wanted = a.volume() + 4.0 / 3.0 * std::f64::consts::PI;
     let off = (measures::volume(&mesh.vertices, &mesh.triangles) / wanted - 1.0).abs();
     assert!(off <= 1e-5, "{off}");
-    let inside = Chain::new(Shape {
+    let inside = Chain::new(ChainShape {
         caps: Caps::In,
         ..a.rest().clone()
     })
@@ -455,7 +456,7 @@ fn meshes_are_closed_and_hold_the_volume_of_the_frusta() {
 #[test]
 fn what_is_no_chain_is_refused() {
     let good = sample_a().rest().clone();
-    let refused = |change: fn(&mut Shape)| {
+    let refused = |change: fn(&mut ChainShape)| {
         let mut shape = good.clone();
         change(&mut shape);
         Chain::new(shape).expect_err("an error")
@@ -481,7 +482,7 @@ fn what_is_no_chain_is_refused() {
     ));
     assert!(matches!(refused(|s| s.length = 0.0), ChainError::Length(_)));
     assert!(matches!(refused(|s| s.radii.fill(0.0)), ChainError::Empty));
-    let mut rigid = Chain::new(Shape {
+    let mut rigid = Chain::new(ChainShape {
         growth: vec![0.0; 9],
         ..good
     })

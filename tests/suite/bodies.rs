@@ -3,16 +3,15 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use pliant::constraints::bending::{self, Bending};
-use pliant::constraints::{Batch, Distance, EnclosedVolume, Order};
+use pliant::constraints::{Batch, Bending, Distance, EnclosedVolume, SweepOrder, dihedral};
 use pliant::contact::{Obstacle, PosedObstacle, Surface};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::Particles;
-use pliant::solvers::{Settings, System};
+use pliant::solvers::{StepSettings, System};
 
 /// No gravity, no damping, no limit.
-pub fn settings(iterations: u32) -> Settings {
-    Settings {
+pub fn settings(iterations: u32) -> StepSettings {
+    StepSettings {
         iterations,
         gravity: Vector3::zeros(),
         velocity_factor: 1.0,
@@ -36,7 +35,7 @@ pub fn edges(mesh: &TriangleMesh) -> Vec<Distance> {
 /// Hinges of a mesh at rest.
 pub fn hinges(mesh: &TriangleMesh) -> Vec<Bending> {
     let at = |p: u32| mesh.vertices[p as usize];
-    let hinge = |&points: &[u32; 4]| Bending::new(points, bending::dihedral(&points.map(at)));
+    let hinge = |&points: &[u32; 4]| Bending::new(points, dihedral(&points.map(at)));
     Topology::new(mesh).hinges.iter().map(hinge).collect()
 }
 
@@ -44,7 +43,7 @@ pub fn hinges(mesh: &TriangleMesh) -> Vec<Bending> {
 pub fn batch<C: pliant::constraints::Constraint<K>, const K: usize>(
     all: Vec<C>,
     compliance: f64,
-    order: Order,
+    order: SweepOrder,
     count: usize,
 ) -> Batch<C, K> {
     let compliance = vec![compliance; all.len()];
@@ -59,13 +58,13 @@ pub fn elastic(mesh: &TriangleMesh, mass: f64, compliance: [f64; 3], iterations:
     system.elastic.push(Box::new(batch(
         edges(mesh),
         compliance[0],
-        Order::Coloured,
+        SweepOrder::Coloured,
         count,
     )));
     system.elastic.push(Box::new(batch(
         hinges(mesh),
         compliance[1],
-        Order::Coloured,
+        SweepOrder::Coloured,
         count,
     )));
     system.volume = Some(EnclosedVolume::new(
@@ -98,9 +97,12 @@ pub fn chain(
             rest: length,
         })
         .collect();
-    system
-        .elastic
-        .push(Box::new(batch(all, compliance, Order::Stored, links + 1)));
+    system.elastic.push(Box::new(batch(
+        all,
+        compliance,
+        SweepOrder::Stored,
+        links + 1,
+    )));
     system
 }
 

@@ -110,7 +110,7 @@ fn error(mesh: &TriangleMesh, found: &dyn Obstacle, draw: &mut Draw, points: usi
 
 #[test]
 fn every_way_finds_what_the_hierarchy_finds() {
-    let sorted: Vec<(String, usize, &pliant::contact::broad_phase::Method)> = METHODS
+    let sorted: Vec<(String, usize, &pliant::contact::broad_phase::BroadPhase)> = METHODS
         .iter()
         .flat_map(|k| {
             k.sizes

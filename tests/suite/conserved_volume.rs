@@ -2,11 +2,10 @@
 //! balance of pressure with a finite bulk modulus, and the sums that define a volume (P36).
 
 use nalgebra::{Point3, Rotation3, Vector3};
-use pliant::constraints::{Distance, EnclosedVolume, Order, Project};
-use pliant::mesh::TriangleMesh;
+use pliant::constraints::{Distance, EnclosedVolume, Project, SweepOrder};
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{icosphere, tube};
-use pliant::mesh::sum::{NeumaierSum, tree_sum};
+use pliant::mesh::{NeumaierSum, TriangleMesh, tree_sum};
 use pliant::particles::Particles;
 use pliant::solvers::System;
 
@@ -154,7 +153,7 @@ fn p36_a_body_of_tetrahedra_keeps_its_volume_through_twisting() {
         system.elastic.push(Box::new(batch(
             block.edges.clone(),
             1e-3,
-            Order::Coloured,
+            SweepOrder::Coloured,
             count,
         )));
         system.volume = Some(EnclosedVolume::new(&block.surface, count, k * rest, 0.0));
@@ -214,8 +213,8 @@ fn imbalance(bulk: f64, claimed: f64) -> [f64; 2] {
     let mut particles = Particles::at_rest(mesh.vertices.clone(), vec![1e3; count]);
     held.iter()
         .for_each(|&(v, _)| particles.inverse_mass[v] = 0.0);
-    let mut net = batch(edges(&mesh), 1e-3, Order::Coloured, count);
-    let mut bent = batch(hinges(&mesh), 1e2, Order::Coloured, count);
+    let mut net = batch(edges(&mesh), 1e-3, SweepOrder::Coloured, count);
+    let mut bent = batch(hinges(&mesh), 1e2, SweepOrder::Coloured, count);
     let mut closed = EnclosedVolume::new(&mesh.triangles, count, v0, v0 / bulk);
     let (mut pressures, mut off, mut astray, mut sizes) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());

@@ -3,8 +3,8 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
-    Bending, Constraint, Distance, ForEachKind, KINDS, Order, Parameter, Project, Scalar, Spec,
-    TetrahedronVolume, TriangleContact, for_each_kind,
+    Bending, Constraint, Distance, ForEachKind, KINDS, Parameter, Project, Scalar, Spec,
+    SweepOrder, TetrahedronVolume, TriangleContact, for_each_kind,
 };
 use pliant::mesh::shapes::icosphere;
 use pliant::particles::Particles;
@@ -184,7 +184,7 @@ fn left<C: Spec<K>, const K: usize>(
     parameters[rest] = C::from_parameters(points, &parameters).value(&corners::<K>(x)) - t;
     let kind = C::from_parameters(points, &parameters);
     let mut particles = Particles::at_rest(x[..K].to_vec(), w[..K].to_vec());
-    let mut one = batch(vec![kind], 0.0, Order::Stored, K);
+    let mut one = batch(vec![kind], 0.0, SweepOrder::Stored, K);
     one.project(&mut particles, 0.01);
     assert!(finite(&particles));
     Some(kind.value(&corners::<K>(&particles.position)).abs() / t)
@@ -257,7 +257,7 @@ fn p12_an_update_goes_downhill_in_its_merit() {
             rest: (x[1] - x[0]).norm() * draw.decades(-1.0, 1.0),
         };
         let mut particles = Particles::at_rest(x.clone(), w.clone());
-        let mut one = batch(vec![edge], alpha, Order::Stored, 2);
+        let mut one = batch(vec![edge], alpha, SweepOrder::Stored, 2);
         let before = edge.value(&corners(&x));
         one.project(&mut particles, dt);
         let after = edge.value(&corners(&particles.position));
@@ -285,7 +285,7 @@ fn p12_an_update_goes_downhill_in_its_merit() {
 /// Sum of impulses and of their torques about the first point, relative to the sum of sizes.
 fn impulse_error<C: Constraint<K>, const K: usize>(kind: C, x: &[Point3<f64>], w: &[f64]) -> f64 {
     let (_, g) = kind.value_and_gradient(&corners(x)).expect("a gradient");
-    let mut one = batch(vec![kind], 0.0, Order::Stored, K);
+    let mut one = batch(vec![kind], 0.0, SweepOrder::Stored, K);
     one.project(
         &mut Particles::at_rest(x[..K].to_vec(), w[..K].to_vec()),
         1.0,
@@ -353,7 +353,7 @@ fn p13_momentum_of_a_sweep() {
             mesh.vertices.clone(),
             mass.iter().map(|m| 1.0 / m).collect(),
         );
-        batch(all, 0.0, Order::Coloured, count).project(&mut particles, 1.0);
+        batch(all, 0.0, SweepOrder::Coloured, count).project(&mut particles, 1.0);
         let moved: Vec<Vector3<f64>> = particles
             .position
             .iter()
@@ -465,7 +465,7 @@ fn p16_from_rigid_to_absent() {
                 rest: 1.0,
             }],
             alpha,
-            Order::Stored,
+            SweepOrder::Stored,
             2,
         );
         (0..3).for_each(|_| one.project(&mut particles, dt));
@@ -505,7 +505,8 @@ fn p17_stiffness_of_xpbd_does_not_depend_on_iterations() {
                 rest: 0.1,
             })
             .collect();
-        system.elastic[0] = Box::new(batch(all, 0.0, Order::Stored, 6).with_relaxation(&[0.1; 5]));
+        system.elastic[0] =
+            Box::new(batch(all, 0.0, SweepOrder::Stored, 6).with_relaxation(&[0.1; 5]));
         end(&mut system)
     };
     let (few, many) = (xpbd(400), xpbd(1600));

@@ -2,12 +2,10 @@
 //! reports this.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
-use pliant::contact::untangle::untangle;
-use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
-use pliant::mesh::TriangleMesh;
-use pliant::mesh::inside::Inside;
+use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface, untangle};
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{box_surface, icosphere};
+use pliant::mesh::{Inside, TriangleMesh};
 use pliant::particles::Particles;
 use pliant::simulation::audit;
 use pliant::solvers::System;
@@ -402,7 +400,7 @@ fn a_needle_is_kept_out_of_a_coarse_muscle() {
             tip = next;
             let (bone, pose) = needle(tip);
             let surface = Surface::new(&bone);
-            let audited = audit::Bone::new(&bone, &surface);
+            let audited = audit::AuditedBone::new(&bone, &surface);
             let x = &system.particles.position;
             let found = audit::examine(x, &mesh.triangles, &|_| true, &[(&audited, pose)]);
             deepest = deepest.max(found.bone_vertices_inside);
@@ -417,7 +415,7 @@ fn a_needle_is_kept_out_of_a_coarse_muscle() {
 fn the_audit_finds_what_was_planted() {
     let bone = icosphere(1.0, 2);
     let surface = Surface::new(&bone);
-    let audited = audit::Bone::new(&bone, &surface);
+    let audited = audit::AuditedBone::new(&bone, &surface);
     let pose = Isometry3::from_parts(
         Vector3::new(0.3, -0.2, 0.1).into(),
         UnitQuaternion::from_scaled_axis(Vector3::new(0.2, 0.5, 0.1)),

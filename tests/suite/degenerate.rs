@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
-    Bending, Constraint, Distance, EnclosedVolume, Order, Project, TetrahedronVolume,
+    Bending, Constraint, Distance, EnclosedVolume, Project, SweepOrder, TetrahedronVolume,
 };
 use pliant::mesh::shapes::{icosphere, tetrahedron};
 use pliant::particles::Particles;
@@ -92,7 +92,7 @@ fn p20_a_collapsed_edge_is_skipped_and_a_tiny_or_huge_one_is_not() {
     };
     let mut particles = Particles::at_rest(vec![Point3::new(0.1, 0.2, 0.3); 2], vec![1.0; 2]);
     let before = bits(&particles);
-    let mut one = batch(vec![edge], 0.0, Order::Stored, 2);
+    let mut one = batch(vec![edge], 0.0, SweepOrder::Stored, 2);
     one.project(&mut particles, 0.01);
     assert_eq!((bits(&particles), one.usage().skipped), (before, 1));
     let mut draw = Draw::new(20);
@@ -145,7 +145,12 @@ fn p21_a_triangle_without_area_is_skipped_by_a_relative_rule() {
     ]
     .map(Point3::from);
     let mut particles = Particles::at_rest(needle.to_vec(), vec![1.0; 4]);
-    let mut one = batch(vec![Bending::new([0, 1, 2, 3], 0.1)], 0.0, Order::Stored, 4);
+    let mut one = batch(
+        vec![Bending::new([0, 1, 2, 3], 0.1)],
+        0.0,
+        SweepOrder::Stored,
+        4,
+    );
     one.project(&mut particles, 0.01);
     assert_eq!(
         (particles.position.as_slice(), one.usage().skipped),
@@ -171,7 +176,7 @@ fn p22_an_inverted_tetrahedron_comes_back() {
         let mut one = batch(
             vec![TetrahedronVolume { rest, ..kind }],
             0.0,
-            Order::Stored,
+            SweepOrder::Stored,
             4,
         );
         (0..50).for_each(|_| one.project(&mut particles, 0.01));
@@ -208,7 +213,7 @@ fn p22_a_tetrahedron_without_extent_is_left_alone() {
                 rest: 1.0,
             }],
             0.0,
-            Order::Stored,
+            SweepOrder::Stored,
             4,
         );
         one.project(&mut particles, 0.01);
@@ -237,7 +242,7 @@ fn p23_coincident_particles_stay_finite() {
                 vec![1.0; n as usize],
             );
             particles.position[0].x += apart;
-            let mut batch = batch(all.clone(), 0.0, Order::Coloured, n as usize);
+            let mut batch = batch(all.clone(), 0.0, SweepOrder::Coloured, n as usize);
             (0..20).for_each(|_| batch.project(&mut particles, 0.01));
             assert!(finite(&particles));
             (bits(&particles), batch.usage().skipped, particles)
@@ -275,7 +280,8 @@ fn spoil(draw: &mut Draw, how: usize) -> (Result<(), Broken>, usize, bool) {
             let all = edges(&mesh);
             let mut broken = all.clone();
             broken[0].rest = bad;
-            system.elastic[0] = Box::new(batch(broken, 0.0, Order::Stored, mesh.vertices.len()));
+            system.elastic[0] =
+                Box::new(batch(broken, 0.0, SweepOrder::Stored, mesh.vertices.len()));
         }
         _ => (),
     }
@@ -366,7 +372,7 @@ fn p25_an_exact_offset_changes_no_bit_of_what_acts() {
     );
     assert_eq!(edges(&mesh), edges(&moved));
     let residual = |at: &[Point3<f64>]| {
-        let batch = batch(edges(&icosphere(1.1, 2)), 0.0, Order::Coloured, count);
+        let batch = batch(edges(&icosphere(1.1, 2)), 0.0, SweepOrder::Coloured, count);
         batch.residual(&Particles::at_rest(at.to_vec(), vec![1.0; count]), 0.1)
     };
     assert_eq!(residual(&mesh.vertices), residual(&moved.vertices));

@@ -1,12 +1,10 @@
 //! The same bits for any number of threads and any order within a colour (P42, P43).
 
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::blocks::Block;
-use pliant::constraints::{Batch, Constraint, Distance, Order, Project};
+use pliant::constraints::{Batch, Block, Constraint, Distance, Project, SweepOrder};
 use pliant::contact::Contacts;
 use pliant::mesh::shapes::icosphere;
-use pliant::mesh::sum::tree_sum;
-use pliant::mesh::{Topology, TriangleMesh, order};
+use pliant::mesh::{Topology, TriangleMesh, order, tree_sum};
 use pliant::particles::{Numbering, Particles};
 use pliant::testing::Draw;
 
@@ -60,28 +58,28 @@ fn sweep(batches: &mut [Box<dyn Project>], x: &[Point3<f64>]) -> Vec<u64> {
 #[test]
 fn p42_threads_change_no_bit() {
     let (mesh, x) = shaken();
-    let make = |order: Order| -> Vec<Box<dyn Project>> {
+    let make = |order: SweepOrder| -> Vec<Box<dyn Project>> {
         let stretch = batch(edges(&mesh), 1e-6, order, x.len());
         let bending = batch(hinges(&mesh), 1e-2, order, x.len());
         assert!(stretch.len() * 4 >= PARALLEL && bending.len() * 16 >= PARALLEL);
         let blocks = |phases: &[Vec<Block>]| phases.iter().take(2).map(Vec::len).min();
-        assert!(order != Order::Coloured || blocks(&stretch.schedule().phases) >= Some(8));
-        assert!(order != Order::Coloured || blocks(&bending.schedule().phases) >= Some(8));
+        assert!(order != SweepOrder::Coloured || blocks(&stretch.schedule().phases) >= Some(8));
+        assert!(order != SweepOrder::Coloured || blocks(&bending.schedule().phases) >= Some(8));
         vec![Box::new(stretch), Box::new(bending)]
     };
-    let reference = with_threads(1, || sweep(&mut make(Order::Coloured), &x));
+    let reference = with_threads(1, || sweep(&mut make(SweepOrder::Coloured), &x));
     for threads in [2, 3, 4, 8] {
-        let other = with_threads(threads, || sweep(&mut make(Order::Coloured), &x));
+        let other = with_threads(threads, || sweep(&mut make(SweepOrder::Coloured), &x));
         assert!(other == reference, "{threads} threads");
     }
     // Control: another order of colours gives another result, so equality is no accident.
-    assert!(with_threads(1, || sweep(&mut make(Order::Stored), &x)) != reference);
+    assert!(with_threads(1, || sweep(&mut make(SweepOrder::Stored), &x)) != reference);
 }
 
 #[test]
 fn p42_order_within_a_colour_changes_no_bit() {
     let (mesh, x) = shaken();
-    let coloured: Batch<Distance, 2> = batch(edges(&mesh), 1e-6, Order::Coloured, x.len());
+    let coloured: Batch<Distance, 2> = batch(edges(&mesh), 1e-6, SweepOrder::Coloured, x.len());
     let mut draw = Draw::new(421);
     let mut reference: Vec<Box<dyn Project>> = vec![Box::new(coloured.clone())];
     let reference = with_threads(1, || sweep(&mut reference, &x));
@@ -94,7 +92,7 @@ fn p42_order_within_a_colour_changes_no_bit() {
         }
         assert_ne!(shuffled, coloured.constraints());
         let mut other: Vec<Box<dyn Project>> =
-            vec![Box::new(batch(shuffled, 1e-6, Order::Stored, x.len()))];
+            vec![Box::new(batch(shuffled, 1e-6, SweepOrder::Stored, x.len()))];
         assert!(
             with_threads(1, || sweep(&mut other, &x)) == reference,
             "seed {}",
@@ -123,7 +121,7 @@ fn p42_a_numbering_moves_memory_and_no_bit() {
     let mut numbered = Batch::numbered(
         there.clone(),
         compliance.clone(),
-        Order::Coloured,
+        SweepOrder::Coloured,
         over,
         &[],
     );
@@ -137,12 +135,12 @@ fn p42_a_numbering_moves_memory_and_no_bit() {
     let kept = run(&mut numbered, &x, &straight);
     let moved: Vec<Point3<f64>> = permutation.iter().map(|&p| x[p as usize]).collect();
     let mut batch: Batch<Distance, 2> =
-        Batch::new(anew, compliance.clone(), Order::Coloured, x.len(), &[]);
+        Batch::new(anew, compliance.clone(), SweepOrder::Coloured, x.len(), &[]);
     let other = run(&mut batch, &moved, &permutation);
     assert!((0..x.len()).all(|p| kept[p] == other[place(p as u32) as usize]));
     // Control: without the numbering the blocks differ, and so do the bits.
     let mut plain: Batch<Distance, 2> =
-        Batch::new(there, compliance, Order::Coloured, x.len(), &[]);
+        Batch::new(there, compliance, SweepOrder::Coloured, x.len(), &[]);
     assert!(run(&mut plain, &x, &straight) != kept);
 }
 
@@ -157,8 +155,8 @@ fn shares<C: Constraint<K>, const K: usize>(all: &[C], count: usize) -> bool {
 #[test]
 fn p42_no_two_constraints_of_a_colour_share_a_particle() {
     let (mesh, x) = shaken();
-    let stretch: Batch<Distance, 2> = batch(edges(&mesh), 0.0, Order::Coloured, x.len());
-    let bending = batch(hinges(&mesh), 0.0, Order::Coloured, x.len());
+    let stretch: Batch<Distance, 2> = batch(edges(&mesh), 0.0, SweepOrder::Coloured, x.len());
+    let bending = batch(hinges(&mesh), 0.0, SweepOrder::Coloured, x.len());
     assert!(
         stretch
             .schedule()

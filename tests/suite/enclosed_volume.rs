@@ -1,7 +1,7 @@
 //! The enclosed volume is kept exactly, or balances its pressure (P36, acceptance numbers of the digest).
 
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::{EnclosedVolume, Order, Project, TetrahedronVolume};
+use pliant::constraints::{EnclosedVolume, Project, SweepOrder, TetrahedronVolume};
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{icosphere, tetrahedron, tube};
 use pliant::mesh::{Topology, TriangleMesh};
@@ -70,7 +70,7 @@ fn a_linear_projection_gives_the_printed_numbers_and_ours_lands_at_once() {
     let mut one = batch(
         vec![TetrahedronVolume { rest, ..tet }],
         0.0,
-        Order::Stored,
+        SweepOrder::Stored,
         4,
     );
     for (expected, digit) in printed.into_iter().zip(digits) {

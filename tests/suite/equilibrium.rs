@@ -2,22 +2,17 @@
 //! comparison of the solvers.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
-use pliant::constraints::second::Second;
 use pliant::constraints::{
-    Bending, Constraint, Distance, EnclosedVolume, ForEachKind, Potential, Quadratic, Spec,
+    Bending, Constraint, Distance, EnclosedVolume, ForEachKind, Potential, Quadratic, Second, Spec,
     for_each_kind,
 };
 use pliant::contact::ContactPlane;
-use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::make;
-use pliant::mesh::topology::Topology;
-use pliant::solvers::descent::{Guard, Settings, Unguarded};
-use pliant::solvers::energy::Energy;
-use pliant::solvers::newton::Newton;
-use pliant::solvers::quasi_static::QuasiStatic;
-use pliant::solvers::sparse::{Factor, FactorError};
-use pliant::solvers::stiffness;
+use pliant::mesh::{Topology, TriangleMesh};
+use pliant::solvers::{
+    DescentSettings, Energy, Factor, FactorError, Guard, Newton, QuasiStatic, Unguarded, stiffness,
+};
 use pliant::testing::Draw;
 
 use crate::tolerances::{T2, T3, T7, T15, worst};
@@ -189,7 +184,7 @@ impl Tube {
         compliance: f64,
         tolerance: f64,
     ) -> Vec<Point3<f64>> {
-        let settings = Settings {
+        let settings = DescentSettings {
             tolerance,
             iterations: 3000,
         };
@@ -205,7 +200,7 @@ impl Tube {
     }
 
     fn newton(&self, start: &[Point3<f64>], compliance: f64) -> Vec<Point3<f64>> {
-        let settings = Settings {
+        let settings = DescentSettings {
             tolerance: 1e-10,
             iterations: 60,
         };
@@ -328,7 +323,7 @@ fn a_tube_on_a_floor_balances_its_weight() {
         forces: vec![weight; tube.mesh.vertices.len()],
         ..tube.energy(1e-6)
     };
-    let settings = Settings {
+    let settings = DescentSettings {
         tolerance: 1e-9,
         iterations: 3000,
     };
@@ -382,7 +377,7 @@ fn what_nothing_holds_is_an_error() {
         tube.energy(0.0),
         &tube.mesh.vertices,
         &free,
-        Settings::default(),
+        DescentSettings::default(),
     );
     assert!(matches!(
         made.err(),
@@ -507,7 +502,7 @@ fn two_tubes(
 fn several_volumes_are_kept_at_once() {
     let shares = [1.1, 0.97];
     let tube = Tube::new();
-    let settings = Settings {
+    let settings = DescentSettings {
         tolerance: 1e-9,
         iterations: 5000,
     };
@@ -573,7 +568,7 @@ fn several_volumes_are_kept_far_from_the_origin() {
     // smaller tolerance finds nothing.
     let pressures = [0.0, 50.0].map(|away| {
         let (energy, mut x, inverse_mass) = two_tubes(1.0, 3.0, [1.1, 0.97], away);
-        let settings = Settings {
+        let settings = DescentSettings {
             tolerance: 1e-8,
             iterations: 3000,
         };

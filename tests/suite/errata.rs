@@ -1,15 +1,15 @@
 //! Errata of the first source that no other file shows; `docs/errata.md` lists all of them.
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use pliant::constraints::{Batch, Constraint, Distance, Order, Project, Scalar};
+use pliant::constraints::{Batch, Constraint, Distance, Project, Scalar, SweepOrder};
 use pliant::contact::broad_phase::{BitGrid, Fill, NearestTriangle, Voxels};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use pliant::io::{read_bytes, vtk};
-use pliant::mesh::TriangleMesh;
-use pliant::mesh::inside::Inside;
 use pliant::mesh::shapes::{box_surface, icosphere};
+use pliant::mesh::{Inside, TriangleMesh};
 use pliant::particles::Particles;
-use pliant::scene::{Effects, Solver, builtin::load};
+use pliant::scene::builtin::load;
+use pliant::scene::{Effects, Solver};
 use pliant::simulation::Simulation;
 use pliant::solvers::System;
 
@@ -56,7 +56,7 @@ fn a04_inverse_masses_stand_in_numerator_and_denominator() {
             rest: 1.0,
         };
         let mut particles = Particles::at_rest(x.to_vec(), masses.to_vec());
-        batch(vec![edge], 0.0, Order::Stored, 2).project(&mut particles, 1.0);
+        batch(vec![edge], 0.0, SweepOrder::Stored, 2).project(&mut particles, 1.0);
         let error = |x: &[Point3<f64>]| ((x[1] - x[0]).norm() - 1.0) / 0.5;
         assert!(error(&particles.position).abs() <= T1, "{masses:?}");
         let (c, g) = edge.value_and_gradient(&x).expect("two places");
@@ -75,7 +75,7 @@ fn a13_the_encodings_of_legacy_vtk_are_ascii_and_binary() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
     let path = folder.join("a13.vtk");
     let mesh = box_surface([1.0, 2.0, 3.0], 1.0);
-    vtk::write(&path, &mesh, &[], vtk::Encoding::Binary)
+    vtk::write(&path, &mesh, &[], vtk::VtkEncoding::Binary)
         .expect("the folder of tests can be written");
     let bytes = std::fs::read(&path).expect("it was written");
     let text = String::from_utf8_lossy(&bytes);
@@ -115,7 +115,7 @@ fn a05_stiffness_multiplies_the_displacement() {
     };
     for (k, projections, expected) in [(0.9, 1, 0.1), (0.9, 3, 0.001), (0.25, 2, 0.5625)] {
         let found = left(
-            &mut batch(vec![edge], 0.0, Order::Stored, 2).with_relaxation(&[k]),
+            &mut batch(vec![edge], 0.0, SweepOrder::Stored, 2).with_relaxation(&[k]),
             projections,
         );
         assert!(
@@ -125,7 +125,7 @@ fn a05_stiffness_multiplies_the_displacement() {
         // The printed rule has no effect: a projection does not depend on the scale of its
         // function.
         let printed = left(
-            &mut batch(vec![Scaled { edge, by: k }], 0.0, Order::Stored, 2),
+            &mut batch(vec![Scaled { edge, by: k }], 0.0, SweepOrder::Stored, 2),
             projections,
         );
         assert!(

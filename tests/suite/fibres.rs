@@ -8,9 +8,9 @@ mod springs;
 mod template;
 
 use nalgebra::{Point3, Vector3};
-use pliant::fibres::attachment::{AreaSource, Attachment};
-use pliant::fibres::harmonic::{Decomposition, Options, decompose};
+use pliant::fibres::harmonic::{Decomposition, HarmonicOptions, decompose};
 use pliant::fibres::quality::{Quality, measure};
+use pliant::fibres::{AreaSource, Attachment};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{icosphere, tube};
 
@@ -107,7 +107,7 @@ fn ring_torus() -> (TriangleMesh, Attachment) {
 }
 
 fn measured(mesh: &TriangleMesh, areas: &Attachment) -> (Decomposition, Quality) {
-    let made = decompose(mesh, areas, Options::default()).expect("fibres");
+    let made = decompose(mesh, areas, HarmonicOptions::default()).expect("fibres");
     let jacobian = made.jacobian(mesh, areas);
     let quality = measure(mesh, &made.closed, areas, &made.fibres, jacobian);
     (made, quality)

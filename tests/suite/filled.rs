@@ -2,9 +2,8 @@
 
 use pliant::progress::Silent;
 use pliant::scene::builtin::load_content;
-use pliant::scene::content::{Content, Under};
-use pliant::simulation::Stepped;
-use pliant::simulation::skin::SkinRun;
+use pliant::scene::{Content, Support};
+use pliant::simulation::{SkinRun, Stepped};
 
 /// The flat implant on a coarse mesh, run to its last frame.
 fn run(changes: &[&str]) -> SkinRun {
@@ -75,7 +74,7 @@ fn an_implant_that_is_emptied_gives_its_skin_back() {
 fn a_frame_that_is_given_up_leaves_the_last_one() {
     let mut run = run(&["implant.volume=60cc", "frames=2"]);
     run.scene.frames = 3;
-    let Under::Implants(implants) = &mut run.scene.under else {
+    let Support::Implants(implants) = &mut run.scene.under else {
         panic!("no implants")
     };
     implants[0].fill.push((3, 90e-6));

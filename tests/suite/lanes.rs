@@ -3,8 +3,8 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
-    Batch, Bending, Constraint, Distance, EnclosedVolume, Kernel, Lane, LaneConstraint, Order,
-    Periodic, Project, Scalar, Several, SimdWidth,
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Kernel, Lane, LaneConstraint, Periodic,
+    Project, Scalar, Several, SimdWidth, SweepOrder,
 };
 use pliant::mesh::shapes::icosphere;
 use pliant::particles::Particles;
@@ -70,7 +70,13 @@ fn swept<C: Constraint<K>, const K: usize>(
 ) -> (Left, Vec<C>) {
     let factors: Vec<f64> = (0..all.len()).map(|i| [1.0, 0.3, 0.0][i % 3]).collect();
     let compliance = compliance(all.len());
-    let batch = Batch::new(all.to_vec(), compliance, Order::Coloured, body.len(), &[]);
+    let batch = Batch::new(
+        all.to_vec(),
+        compliance,
+        SweepOrder::Coloured,
+        body.len(),
+        &[],
+    );
     let mut batch = batch.with_relaxation(&factors).with_width(width);
     let mut particles = body.clone();
     for step in 0..4 {

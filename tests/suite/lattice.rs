@@ -10,7 +10,8 @@ use nalgebra::{DMatrix, Vector3};
 use pliant::simd::{Number, SimdWidth};
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{
-    Lattice, LatticeError, Rest, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
+    Lattice, LatticeError, LatticeRestSettings, LatticeSettings, LatticeShape, Stiffness,
+    largest_stiffness, stability_limit,
 };
 use pliant::testing::Draw;
 
@@ -39,22 +40,22 @@ const SHAPES: [[usize; 3]; 11] = [
     [34, 4, 5],
 ];
 
-fn shape(points: [usize; 3]) -> Shape {
-    Shape {
+fn shape(points: [usize; 3]) -> LatticeShape {
+    LatticeShape {
         points,
         origin: [0.3, -0.2, 0.1],
         spacing: [0.1, 0.13, 0.07],
     }
 }
 
-fn settings(neighbours: Neighbours) -> Settings {
+fn settings(neighbours: Neighbours) -> LatticeSettings {
     let (damping, time_step) = (Some(2.0), Some(0.01));
-    Settings {
+    LatticeSettings {
         stiffness: Stiffness::Reciprocal,
         diagonal: 0.7,
         damping,
         time_step,
-        ..Settings::new(neighbours)
+        ..LatticeSettings::new(neighbours)
     }
 }
 
@@ -224,7 +225,7 @@ fn moves_of_pairs_are_those_of_single_steps() {
             );
             // The run ends at the same step, whatever the position of that step in a pair.
             for quiet in [6, 7] {
-                let rest = Rest {
+                let rest = LatticeRestSettings {
                     threshold: 2e-5,
                     quiet,
                     limit: 1001,
@@ -305,7 +306,7 @@ fn springs_without_length_pull_nowhere() {
 #[test]
 fn a_free_lattice_keeps_its_centre() {
     for neighbours in BOTH {
-        let free = Settings {
+        let free = LatticeSettings {
             damping: Some(0.0),
             ..settings(neighbours)
         };
@@ -343,7 +344,7 @@ fn a_free_lattice_keeps_its_centre() {
 /// divided by D.
 #[test]
 fn a_hanging_column_is_as_long_as_it_must_be() {
-    let shape = Shape {
+    let shape = LatticeShape {
         points: [1, 1, 12],
         origin: [0.0; 3],
         spacing: [0.1; 3],
@@ -351,9 +352,9 @@ fn a_hanging_column_is_as_long_as_it_must_be() {
     let stiffness = Stiffness::Uniform(50.0);
     let mut hanging = Lattice::<f64>::new(
         shape,
-        Settings {
+        LatticeSettings {
             stiffness,
-            ..Settings::new(Neighbours::Six)
+            ..LatticeSettings::new(Neighbours::Six)
         },
     )
     .expect("stable");
@@ -362,7 +363,7 @@ fn a_hanging_column_is_as_long_as_it_must_be() {
         .each()
         .for_each(|point| hanging.set_force(point, [0.0, 0.0, 0.02]));
     let settled = hanging
-        .until_rest(&Rest {
+        .until_rest(&LatticeRestSettings {
             threshold: 1e-15,
             quiet: 2000,
             limit: 2_000_000,
@@ -406,14 +407,15 @@ fn strained(lattice: &Lattice<f64>, steps: &[[i32; 3]]) -> f64 {
 fn twenty_six_neighbours_return_to_shape_and_six_keep_lengths_only() {
     let dragged = |neighbours: Neighbours| {
         let mut lattice =
-            Lattice::<f64>::new(Shape::unit_cube(5), Settings::new(neighbours)).expect("stable");
+            Lattice::<f64>::new(LatticeShape::unit_cube(5), LatticeSettings::new(neighbours))
+                .expect("stable");
         for way in [[0.9, 0.6, -0.4], [-0.3, 0.8, 0.7], [0.5, -0.9, 0.6]] {
             let at = lattice.position([4, 4, 4]);
             lattice.place([4, 4, 4], [0, 1, 2].map(|c| at[c] + way[c]));
             lattice.pin([4, 4, 4]);
             (0..200).for_each(|_| lattice.step().expect("stable"));
             lattice.release([4, 4, 4]);
-            let rest = Rest {
+            let rest = LatticeRestSettings {
                 threshold: 1e-9,
                 quiet: 500,
                 limit: 400_000,
@@ -450,7 +452,7 @@ fn twenty_six_neighbours_return_to_shape_and_six_keep_lengths_only() {
 }
 
 /// The largest eigenvalue of the stiffness matrix, written out.
-fn exact_stiffness(shape: &Shape, settings: &Settings) -> f64 {
+fn exact_stiffness(shape: &LatticeShape, settings: &LatticeSettings) -> f64 {
     let mut matrix = DMatrix::<f64>::zeros(3 * shape.count(), 3 * shape.count());
     let at: Vec<_> = shape
         .each()
@@ -483,7 +485,12 @@ fn the_largest_stiffness_is_the_matrix_s() {
             );
         }
     }
-    let of = |n, neighbours| largest_stiffness(&Shape::unit_cube(n), &Settings::new(neighbours));
+    let of = |n, neighbours| {
+        largest_stiffness(
+            &LatticeShape::unit_cube(n),
+            &LatticeSettings::new(neighbours),
+        )
+    };
     for (n, printed) in [(5, 14.47), (10, 35.12), (20, 75.53)] {
         assert!((of(n, Neighbours::Six) - printed).abs() <= 0.01);
     }
@@ -505,17 +512,17 @@ fn the_largest_stiffness_is_the_matrix_s() {
 
 /// The growth of a small disturbance over many steps of `times` times the stability limit.
 fn growth(n: usize, neighbours: Neighbours, mass: f64, times: f64) -> f64 {
-    let shape = Shape::unit_cube(n);
-    let settings = Settings {
+    let shape = LatticeShape::unit_cube(n);
+    let settings = LatticeSettings {
         mass,
-        ..Settings::new(neighbours)
+        ..LatticeSettings::new(neighbours)
     };
     let limit = stability_limit(
         largest_stiffness(&shape, &settings),
         mass,
         settings.damping_estimate(&shape),
     );
-    let settings = Settings {
+    let settings = LatticeSettings {
         time_step: Some(times * limit),
         ..settings
     };
@@ -555,11 +562,11 @@ fn steps_explode_above_the_limit_and_not_below() {
         );
     }
     let limit = |n: usize, mass: f64| {
-        let settings = Settings {
+        let settings = LatticeSettings {
             mass,
-            ..Settings::new(Neighbours::Six)
+            ..LatticeSettings::new(Neighbours::Six)
         };
-        Lattice::<f32>::new(Shape::unit_cube(n), settings)
+        Lattice::<f32>::new(LatticeShape::unit_cube(n), settings)
             .expect("stable")
             .stability_limit()
     };
@@ -574,12 +581,13 @@ fn steps_explode_above_the_limit_and_not_below() {
 
 #[test]
 fn an_explosion_is_an_error_and_says_when() {
-    let settings = Settings {
+    let settings = LatticeSettings {
         mass: 0.0088,
         time_step: Some(0.030),
-        ..Settings::new(Neighbours::Six)
+        ..LatticeSettings::new(Neighbours::Six)
     };
-    let refused = Lattice::<f32>::new(Shape::unit_cube(5), settings).expect_err("an unstable step");
+    let refused =
+        Lattice::<f32>::new(LatticeShape::unit_cube(5), settings).expect_err("an unstable step");
     assert!(
         matches!(refused, LatticeError::Unstable { limit, .. } if (limit - 0.0269).abs() <= 5e-4),
         "{refused}"
@@ -588,14 +596,14 @@ fn an_explosion_is_an_error_and_says_when() {
         refused.to_string().contains("give a step below 2.6"),
         "{refused}"
     );
-    let settings = Settings {
+    let settings = LatticeSettings {
         time_step: Some(0.05),
         ..settings
     };
-    let mut lattice =
-        Lattice::<f32>::unchecked(Shape::unit_cube(5), settings).expect("numbers that will do");
+    let mut lattice = Lattice::<f32>::unchecked(LatticeShape::unit_cube(5), settings)
+        .expect("numbers that will do");
     lattice.place([4, 4, 4], [0.6, 0.5, 0.5]);
-    let rest = Rest {
+    let rest = LatticeRestSettings {
         threshold: 1e-9,
         quiet: 100,
         limit: 100_000,
@@ -606,8 +614,11 @@ fn an_explosion_is_an_error_and_says_when() {
         "{error}"
     );
     // A pinned point without a position spoils its neighbours.
-    let mut lattice =
-        Lattice::<f64>::new(Shape::unit_cube(5), Settings::new(Neighbours::Six)).expect("stable");
+    let mut lattice = Lattice::<f64>::new(
+        LatticeShape::unit_cube(5),
+        LatticeSettings::new(Neighbours::Six),
+    )
+    .expect("stable");
     lattice.place([2, 2, 2], [f64::NAN, 0.0, 0.0]);
     assert_eq!(
         lattice.clone().step(),
@@ -618,9 +629,9 @@ fn an_explosion_is_an_error_and_says_when() {
 
 #[test]
 fn bad_numbers_are_refused() {
-    let good = Settings::new(Neighbours::Six);
-    let cube = Shape::unit_cube(3);
-    let bad = |shape: Shape, settings: Settings, words: &str| {
+    let good = LatticeSettings::new(Neighbours::Six);
+    let cube = LatticeShape::unit_cube(3);
+    let bad = |shape: LatticeShape, settings: LatticeSettings, words: &str| {
         let error = Lattice::<f32>::new(shape, settings)
             .expect_err(words)
             .to_string();
@@ -628,7 +639,7 @@ fn bad_numbers_are_refused() {
     };
     assert!(Lattice::<f32>::new(cube, good).is_ok());
     bad(
-        Shape {
+        LatticeShape {
             points: [3, 0, 3],
             ..cube
         },
@@ -636,7 +647,7 @@ fn bad_numbers_are_refused() {
         "3 x 0 x 3",
     );
     bad(
-        Shape {
+        LatticeShape {
             points: [usize::MAX, 2, 2],
             ..cube
         },
@@ -644,7 +655,7 @@ fn bad_numbers_are_refused() {
         "at most 1073741824",
     );
     bad(
-        Shape {
+        LatticeShape {
             spacing: [0.1, 0.0, 0.1],
             ..cube
         },
@@ -652,17 +663,21 @@ fn bad_numbers_are_refused() {
         "a spacing is 0e0: give a finite number above 0",
     );
     bad(
-        Shape {
+        LatticeShape {
             origin: [0.0, f64::NAN, 0.0],
             ..cube
         },
         good,
         "an origin is NaN",
     );
-    bad(cube, Settings { mass: -1.0, ..good }, "the mass is -1e0");
     bad(
         cube,
-        Settings {
+        LatticeSettings { mass: -1.0, ..good },
+        "the mass is -1e0",
+    );
+    bad(
+        cube,
+        LatticeSettings {
             damping: Some(f64::INFINITY),
             ..good
         },
@@ -670,7 +685,7 @@ fn bad_numbers_are_refused() {
     );
     bad(
         cube,
-        Settings {
+        LatticeSettings {
             time_step: Some(0.0),
             ..good
         },
@@ -678,7 +693,7 @@ fn bad_numbers_are_refused() {
     );
     bad(
         cube,
-        Settings {
+        LatticeSettings {
             diagonal: f64::NAN,
             ..good
         },
@@ -686,14 +701,14 @@ fn bad_numbers_are_refused() {
     );
     bad(
         cube,
-        Settings {
+        LatticeSettings {
             stiffness: Stiffness::Uniform(0.0),
             ..good
         },
         "the stiffness is 0e0",
     );
     let mut lattice = Lattice::<f32>::new(cube, good).expect("stable");
-    let rest = Rest {
+    let rest = LatticeRestSettings {
         threshold: 0.0,
         quiet: 1,
         limit: 1,

@@ -7,8 +7,7 @@ use pliant::io;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes::{icosphere, tube};
-use pliant::moment_arms::arms::Arms;
-use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
+use pliant::moment_arms::{Arms, By, Running, Sweep, SweepError};
 use pliant::progress::Silent;
 use pliant::scene::{Scene, parse};
 use pliant::simulation::run;
@@ -80,7 +79,7 @@ fn scene(name: &str, change: impl Fn(String) -> String) -> (Folder, Scene) {
 }
 
 fn sweep(from: f64, to: f64) -> Sweep {
-    let fibres = pliant::fibres::harmonic::Options {
+    let fibres = pliant::fibres::harmonic::HarmonicOptions {
         count: 12,
         points: 9,
     };
@@ -257,7 +256,7 @@ fn the_real_hip() {
         crate::measured_data,
     )
     .expect("a scene");
-    let fibres = pliant::fibres::harmonic::Options {
+    let fibres = pliant::fibres::harmonic::HarmonicOptions {
         count: 40,
         points: 15,
     };

@@ -9,14 +9,11 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use pliant::scene::builtin::{BUILTIN, builtin, load, load_content, load_with};
-use pliant::scene::content::Under;
 use pliant::scene::{
-    self, Area, Content, Mass, Minimisation, Order, Scene, SceneError, Solver, Source,
-    Surroundings, parse_content,
+    self, AreaSpec, Content, Mass, Minimisation, Scene, SceneError, Solver, Source, Support,
+    Surroundings, SweepOrder, parse_content,
 };
-use pliant::skin::implant::SILICONE;
-use pliant::skin::layers::Tissue;
-use pliant::skin::plan::Place;
+use pliant::skin::{ImplantPlace, SILICONE, Tissue};
 use pliant::springs::Neighbours;
 
 /// The smallest scene, the basis of scenes with mistakes.
@@ -111,16 +108,16 @@ fn the_layout_of_the_documentation_is_a_scene() {
         (muscle.material.mass, muscle.material.stretch),
         (Mass::Density(1060.0), 300.0)
     );
-    let areas: Vec<&Area> = muscle.attachments.iter().map(|a| &a.area).collect();
+    let areas: Vec<&AreaSpec> = muscle.attachments.iter().map(|a| &a.area).collect();
     assert!(matches!(
         areas[..],
         [
-            Area::Near(_),
-            Area::Patch {
+            AreaSpec::Near(_),
+            AreaSpec::Patch {
                 component: Some(0),
                 ..
             },
-            Area::Vertices(_)
+            AreaSpec::Vertices(_)
         ]
     ));
     assert_eq!(
@@ -169,7 +166,7 @@ fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
         (scene.name.as_str(), scene.frames, scene.obstacles.len()),
         ("flat", 3, 1)
     );
-    let Under::Implants(implants) = &scene.under else {
+    let Support::Implants(implants) = &scene.under else {
         panic!("no implants")
     };
     let volumes = |k: usize| [1, 2, 3].map(|frame| (implants[k].volume_at(frame) * 1e7).round());
@@ -183,7 +180,7 @@ fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
         (tissue, implants[0].order.implant.membrane),
         (default, SILICONE)
     );
-    assert_eq!(implants[1].order.place, Place::Vertex(911));
+    assert_eq!(implants[1].order.place, ImplantPlace::Vertex(911));
     let Content::Lattice(scene) =
         without_muscles(include_str!("../../src/scene/layout-lattice.toml"))
     else {
@@ -203,7 +200,7 @@ fn a_key_of_the_only_element_needs_no_number() {
         else {
             panic!("no skin")
         };
-        let Under::Implants(implants) = &scene.under else {
+        let Support::Implants(implants) = &scene.under else {
             panic!("no implants")
         };
         implants[0].order.implant.volume
@@ -325,36 +322,46 @@ fn overrides_change_the_solver() {
     let steps = |name: &str, overrides: &[&str]| match changed(name, overrides).solver {
         Solver::Xpbd(x) => ("xpbd", x.substeps, x.iterations, x.order),
         Solver::Pbd(p) => ("pbd", p.substeps, p.iterations, p.order),
-        Solver::ImplicitEuler(q) => ("implicit_euler", q.substeps, q.iterations, Order::default()),
-        Solver::QuasiStatic(q) => ("quasi_static", q.substeps, q.iterations, Order::default()),
+        Solver::ImplicitEuler(q) => (
+            "implicit_euler",
+            q.substeps,
+            q.iterations,
+            SweepOrder::default(),
+        ),
+        Solver::QuasiStatic(q) => (
+            "quasi_static",
+            q.substeps,
+            q.iterations,
+            SweepOrder::default(),
+        ),
     };
     assert_eq!(
         steps("hip", &["substeps=40"]),
-        ("xpbd", 40, 1, Order::Coloured)
+        ("xpbd", 40, 1, SweepOrder::Coloured)
     );
     assert_eq!(
         steps("hip", &["solver.xpbd.substeps=40"]),
-        ("xpbd", 40, 1, Order::Coloured)
+        ("xpbd", 40, 1, SweepOrder::Coloured)
     );
     assert_eq!(
         steps("chain", &["order=stored"]),
-        ("pbd", 1, 1, Order::Stored)
+        ("pbd", 1, 1, SweepOrder::Stored)
     );
     assert_eq!(
         steps("hip", &["solver=pbd"]),
-        ("pbd", 1, 3, Order::Coloured)
+        ("pbd", 1, 3, SweepOrder::Coloured)
     );
     assert_eq!(
         steps("hip", &["solver=pbd", "iterations=10"]),
-        ("pbd", 1, 10, Order::Coloured)
+        ("pbd", 1, 10, SweepOrder::Coloured)
     );
     assert_eq!(
         steps("chain", &["solver=none"]),
-        ("xpbd", 20, 1, Order::Coloured)
+        ("xpbd", 20, 1, SweepOrder::Coloured)
     );
     assert_eq!(
         steps("hip", &["solver.xpbd=none", "pbd.iterations=5"]),
-        ("pbd", 1, 5, Order::Coloured)
+        ("pbd", 1, 5, SweepOrder::Coloured)
     );
     let rest = changed(
         "hip",

@@ -16,18 +16,16 @@ use nalgebra::{Point3, Vector3};
 use pliant::contact::Surface;
 use pliant::mesh::measures::{area, max_or_nan};
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::coarse::halved_near;
-use pliant::skin::implant::SILICONE;
-use pliant::skin::layers::{Layers, Tissue, springs_of};
-use pliant::skin::plan::{Inserted, Place, PreparedPatch, Shell, over_ball};
-use pliant::skin::settle::{Filled, Method, Model, Progress};
-use pliant::skin::support_surface::SupportSurface;
-use pliant::skin::{Filling, ImplantSpec, Schedule, SkinError, insert};
+use pliant::skin::{
+    FilledImplant, Filling, ImplantPlace, ImplantSpec, Inserted, Layers, PreparedPatch, SILICONE,
+    Schedule, SettleMethod, SettleProgress, Shell, SkinError, SkinSystem, SupportSurface, Tissue,
+    halved_near, insert, over_ball, springs_of,
+};
 
 use axisymmetric::Membrane;
 use shapes::{cube, sheet, sphere};
 
-const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
+const CENTRE: ImplantPlace = ImplantPlace::Point(Point3::new(0.0, 0.0, 0.0));
 
 /// Depth of the lower layer, or of the shell of another implant, inside an implant [m], for the
 /// positions `x`. The depth is the signed distance to the shell as a separate surface, independent
@@ -96,13 +94,13 @@ type Lying = (Layers, Vec<Point3<f64>>);
 
 /// Skin over a sphere that has arrived at the sheet, started from a solution with longer edges;
 /// area [cm2] halfway between its layers.
-fn over_sphere(n: u32, coarser: Option<&Lying>) -> (f64, Progress, Lying) {
+fn over_sphere(n: u32, coarser: Option<&Lying>) -> (f64, SettleProgress, Lying) {
     let ready = small_sheet(n);
     let radius = 2.5e-3;
     let method = if n > 64 {
-        Method::QuasiStatic
+        SettleMethod::QuasiStatic
     } else {
-        Method::Newton
+        SettleMethod::Newton
     };
     let model = over_ball(
         ready.layers,
@@ -128,7 +126,7 @@ fn over_sphere(n: u32, coarser: Option<&Lying>) -> (f64, Progress, Lying) {
 }
 
 /// Skin on a sphere and from there straight to the boundary loop.
-fn lifted(model: &Model, radius: f64) -> Vec<Point3<f64>> {
+fn lifted(model: &SkinSystem, radius: f64) -> Vec<Point3<f64>> {
     let rim = 1.5 * radius;
     let lift = |p: &Point3<f64>| {
         let out = p.coords.xy().norm();
@@ -190,7 +188,11 @@ fn flat_implants_gain_what_geometry_allows() {
         (150e-6, 27.9, 72.2),
     ] {
         // Away from a vertex the numbers equal those of the source.
-        let order = ImplantSpec::round(Place::Point(Point3::new(0.0014, 0.0, 0.0)), 0.07, volume);
+        let order = ImplantSpec::round(
+            ImplantPlace::Point(Point3::new(0.0014, 0.0, 0.0)),
+            0.07,
+            volume,
+        );
         let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
         assert_eq!(
             [2 * ready.layers.count(), ready.layers.springs.len()],
@@ -215,7 +217,7 @@ fn flat_implants_gain_what_geometry_allows() {
 
 /// A cube of 2 cm on a floor with conserved volume, under a sphere of 1 cm that reaches down to
 /// a height [m]; and the greatest penetration of the sphere.
-fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
+fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (SkinSystem, SettleProgress) {
     let mesh = cube(8, 0.02);
     if x.is_empty() {
         x.clone_from(&mesh.vertices);
@@ -226,10 +228,10 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
         .collect();
     let volume = mesh.volume();
     let ball = sphere(12, 11, 0.01, Point3::new(0.01, 0.01, low + 0.01));
-    let model = Model {
+    let model = SkinSystem {
         layers: Layers::none(0.0025),
         membrane: SILICONE,
-        implants: vec![Filled {
+        implants: vec![FilledImplant {
             mesh,
             springs,
             stiffness,
@@ -242,7 +244,7 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
         ],
         ball: None,
         base: 0.02,
-        method: Method::Newton,
+        method: SettleMethod::Newton,
     };
     let progress = model.settle(x, |_| true).expect("settled");
     (model, progress)
@@ -391,7 +393,7 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
             depth: 2e-3,
             ..Tissue::default()
         },
-        ..ImplantSpec::round(Place::Point(at), 0.01, 2e-7)
+        ..ImplantSpec::round(ImplantPlace::Point(at), 0.01, 2e-7)
     };
     let error = PreparedPatch::new(&skin, &order, &[]).expect_err("too much to refine");
     assert!(
@@ -411,7 +413,7 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
     assert_eq!(stopped, SkinError::Stopped);
     // At a corner the skin curves away, but it has no border near the implant.
     let corner = ImplantSpec {
-        place: Place::Vertex(0),
+        place: ImplantPlace::Vertex(0),
         ..order
     };
     let halved = halved_near(cube(1, 0.4), std::slice::from_ref(&corner));
@@ -449,14 +451,14 @@ fn what_cannot_be_done_is_refused() {
         );
     }
     let error = refused(
-        &with(|o| o.place = Place::Point(Point3::new(0.07, 0.0, 0.0))),
+        &with(|o| o.place = ImplantPlace::Point(Point3::new(0.07, 0.0, 0.0))),
         &skin,
     );
     assert!(matches!(error, SkinError::AtBorder { .. }), "{error}");
-    let error = refused(&with(|o| o.place = Place::Vertex(5_000_000)), &skin);
+    let error = refused(&with(|o| o.place = ImplantPlace::Vertex(5_000_000)), &skin);
     assert!(matches!(error, SkinError::NoVertex { .. }), "{error}");
     let error = refused(
-        &with(|o| o.place = Place::Point(Point3::new(0.0, 0.0, 1.0))),
+        &with(|o| o.place = ImplantPlace::Point(Point3::new(0.0, 0.0, 1.0))),
         &skin,
     );
     assert!(matches!(error, SkinError::FarAway { .. }), "{error}");
@@ -485,7 +487,7 @@ fn what_cannot_be_done_is_refused() {
     );
     fin.triangles.push([a, b, fin.vertices.len() as u32 - 1]);
     let near = ImplantSpec {
-        place: Place::Vertex(a as usize),
+        place: ImplantPlace::Vertex(a as usize),
         ..order.clone()
     };
     let error = refused(&near, &fin);

@@ -1,7 +1,7 @@
 //! Orders, energies and equilibria of the step (P37 to P41).
 
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::{Batch, Distance, Order, Project};
+use pliant::constraints::{Batch, Distance, Project, SweepOrder};
 use pliant::particles::Particles;
 use pliant::solvers::System;
 
@@ -154,18 +154,18 @@ fn a_hanging_chain_comes_to_its_analytic_length() {
 }
 
 /// Every order of a sweep over a chain.
-const ORDERS: [Order; 4] = [
-    Order::Stored,
-    Order::Reversed,
-    Order::FromLoadedEnd,
-    Order::Coloured,
+const ORDERS: [SweepOrder; 4] = [
+    SweepOrder::Stored,
+    SweepOrder::Reversed,
+    SweepOrder::FromLoadedEnd,
+    SweepOrder::Coloured,
 ];
 
 // A straight chain, where C is linear: rotating edges make multipliers depend on the path, by about
 // 1e-7 of the length.
 #[test]
 fn p40_a_taut_chain_has_one_solution_whatever_the_order() {
-    let solve = |order: Order, ends: f64, bent: f64| {
+    let solve = |order: SweepOrder, ends: f64, bent: f64| {
         let n = 11;
         let position = (0..n)
             .map(|i| Point3::new(ends * i as f64 / 10.0, bent * (i % 3) as f64, 0.0))
@@ -196,7 +196,7 @@ fn p40_a_taut_chain_has_one_solution_whatever_the_order() {
         (particles.position, taut)
     };
     let apart = |ends: f64, bent: f64| {
-        let (reference, taut) = solve(Order::Stored, ends, bent);
+        let (reference, taut) = solve(SweepOrder::Stored, ends, bent);
         let off = worst(ORDERS.iter().flat_map(|&o| {
             let other = solve(o, ends, bent).0;
             reference
@@ -218,7 +218,7 @@ fn p40_a_taut_chain_has_one_solution_whatever_the_order() {
 }
 
 /// Errors of the edges of the chain of six after one sweep, the last point displaced by 1.
-fn one_sweep(order: Order) -> Vec<f64> {
+fn one_sweep(order: SweepOrder) -> Vec<f64> {
     let mut position: Vec<Point3<f64>> = (0..6)
         .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
         .collect();
@@ -241,8 +241,8 @@ fn one_sweep(order: Order) -> Vec<f64> {
 #[test]
 fn p41_the_chain_of_six() {
     let from_loaded = [0.0, 1.0 / 32.0, 1.0 / 16.0, 1.0 / 8.0, 1.0 / 4.0];
-    let errors = one_sweep(Order::FromLoadedEnd);
-    let halves = one_sweep(Order::Stored);
+    let errors = one_sweep(SweepOrder::FromLoadedEnd);
+    let halves = one_sweep(SweepOrder::Stored);
     let off = |a: &[f64], b: &[f64]| worst(a.iter().zip(b).map(|(a, b)| (a - b).abs()));
     assert!(off(&errors, &from_loaded) <= T10, "{errors:?}");
     assert!(
@@ -266,7 +266,7 @@ fn residual_falls_with_sweeps_and_a_full_projection_leaves_none() {
             rest: 1.0,
         },
     ];
-    let mut one = batch(all, 0.0, Order::Stored, 4);
+    let mut one = batch(all, 0.0, SweepOrder::Stored, 4);
     assert!((one.residual(&particles, 1.0).max - 1.0 / 2.0_f64.sqrt()).abs() <= T10);
     one.project(&mut particles, 1.0);
     assert!(one.residual(&particles, 1.0).max <= T10);

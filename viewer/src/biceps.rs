@@ -16,10 +16,10 @@ use super::recipe::{Recipe, Refused, StartError, check_index, check_number};
 use super::session::Command;
 use super::snapshot::{BodyShot, Handle, Probe, Reading, Shot, Stage, StageBody, Tissue};
 use super::subject::{Advanced, Subject, Watch};
-use pliant::fibres::binding::BoundLines;
-use pliant::geometric::file::{self, Muscle};
+use pliant::fibres::BoundLines;
+use pliant::geometric::file::{self, GeometricMuscle};
 use pliant::geometric::pose::{Pose, length_at};
-use pliant::geometric::{Chain, ChainError, Shape};
+use pliant::geometric::{Chain, ChainError, ChainShape};
 use pliant::mesh::Topology;
 use pliant::scene::units::{Dimension, parse};
 
@@ -43,9 +43,9 @@ const PATHS: &str = "length, animation, radii.N and grow_mults.N of node N from 
 
 /// A file with changes, as a model.
 struct Model {
-    muscle: Muscle,
+    muscle: GeometricMuscle,
     /// The nodes of the file, without inserted ones.
-    shape: Shape,
+    shape: ChainShape,
     insert: usize,
 }
 
@@ -143,7 +143,7 @@ impl Model {
             .map_or(0, |n| n.max(0) as usize);
         let rest = muscle.chain.rest();
         let nodes = |all: &[f64]| all.iter().step_by(insert + 1).copied().collect();
-        let shape = Shape {
+        let shape = ChainShape {
             radii: nodes(&rest.radii),
             growth: nodes(&rest.growth),
             ..rest.clone()

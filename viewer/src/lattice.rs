@@ -12,13 +12,11 @@ use super::recipe::{Recipe, Refused, StartError, check_index, check_number};
 use super::session::Command;
 use super::snapshot::{BodyShot, Probe, Reading, Shot, Stage, StageBody, Tissue};
 use super::subject::{Advanced, Subject, Watch};
-use pliant::constraints::distance::Distance;
-use pliant::fibres::binding::BoundLines;
+use pliant::constraints::Distance;
+use pliant::fibres::BoundLines;
 use pliant::mesh::Topology;
-use pliant::scene::content::{Content, LatticeScene};
-use pliant::simulation::Stepped;
-use pliant::simulation::lattice::LatticeRun;
-use pliant::simulation::measures::strain_at_vertices;
+use pliant::scene::{Content, LatticeScene};
+use pliant::simulation::{LatticeRun, Stepped, strain_at_vertices};
 use pliant::springs::Neighbours;
 
 /// Greatest motion of a dragged point per frame, relative to the spacing: inverted springs do not

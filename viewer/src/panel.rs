@@ -4,11 +4,11 @@ use nalgebra::{Unit, Vector3};
 
 use super::session::Command;
 use super::snapshot::{Shot, Steering};
-use pliant::constraints::Order;
-use pliant::scene::effects::EFFECTS;
-use pliant::scene::keys::{KeySpec, KeyValue, Slider};
-use pliant::scene::solvers::SOLVERS;
-use pliant::scene::{Accuracy, Bone, EffectSpec, Mass, Material, Scene};
+use pliant::constraints::SweepOrder;
+use pliant::scene::{
+    Accuracy, BoneSpec, EFFECTS, EffectSpec, KeySpec, KeyValue, Mass, Material, SOLVERS, Scene,
+    Slider,
+};
 
 /// Division of a control's range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -470,8 +470,8 @@ impl List {
                 self.other(group, key.label, target, kind, Value::Whole(value));
             }
             KeyValue::Order(value) => {
-                let names = Order::NAMES.map(|(name, _)| name).to_vec();
-                let chosen = Order::NAMES
+                let names = SweepOrder::NAMES.map(|(name, _)| name).to_vec();
+                let chosen = SweepOrder::NAMES
                     .iter()
                     .position(|(_, order)| *order == value)
                     .unwrap_or(0);
@@ -563,7 +563,7 @@ impl List {
     }
 
     /// A bone that can be rotated; a window displays the angle of the last snapshot.
-    fn bone(&mut self, b: usize, bone: &Bone) {
+    fn bone(&mut self, b: usize, bone: &BoneSpec) {
         if bone.motion.joint.is_none() {
             return;
         }

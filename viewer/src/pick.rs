@@ -122,7 +122,7 @@ mod tests {
             triangles,
             edges: vec![[0, 1]],
             held: Vec::new(),
-            fibres: pliant::fibres::binding::BoundLines::default(),
+            fibres: pliant::fibres::BoundLines::default(),
         };
         let stages = vec![
             stage(vec![[0, 1, 2]]),

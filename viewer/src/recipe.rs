@@ -12,8 +12,8 @@ use pliant::geometric::file::FileError;
 use pliant::scene::builtin::{self, Written};
 use pliant::scene::units::UnitError;
 use pliant::scene::{
-    Area, Content, Scene, SceneError, Source, Surroundings, Variables, no_variables, parse_content,
-    parse_with,
+    AreaSpec, Content, Scene, SceneError, Source, Surroundings, Variables, no_variables,
+    parse_content, parse_with,
 };
 use pliant::simulation::{Assets, LoadError, Simulation};
 
@@ -310,11 +310,11 @@ fn other_meshes(a: &Scene, b: &Scene) -> Option<&'static str> {
             .muscles
             .iter()
             .flat_map(|m| m.attachments.iter().map(|a| &a.area));
-        let patch = |area: &Area| match area {
-            Area::Patch {
+        let patch = |area: &AreaSpec| match area {
+            AreaSpec::Patch {
                 source, component, ..
             } => Some((source.clone(), *component)),
-            Area::Near(_) | Area::Vertices(_) => None,
+            AreaSpec::Near(_) | AreaSpec::Vertices(_) => None,
         };
         areas.map(patch).collect()
     };

@@ -31,8 +31,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use film::Kept;
-use pliant::io::names::file_name;
-use pliant::io::write_whole;
+use pliant::io::{file_name, write_whole};
 use pliant_render::{Frame, PictureError, write_film_as_apng, write_film_as_gif};
 
 /// Time from one picture of a film to the next.

@@ -23,9 +23,7 @@ use super::snapshot::{
 };
 use super::subject::{Advanced, Subject, Watch};
 use files::{Deformed, Files, Origin, Shown, is_rigid, plain_name};
-use pliant::io::names::LIST;
-use pliant::io::names::file_name;
-use pliant::io::{ReadError, pvd};
+use pliant::io::{LIST, ReadError, file_name, pvd};
 use pliant::mesh::measures::max_or_nan;
 use timeline::{Timeline, USUAL_RATE};
 use told::{Kind, Told};

@@ -17,14 +17,10 @@ use super::recipe::{Recipe, Refused, StartError, check_index, check_number};
 use super::session::Command;
 use super::snapshot::{Shot, Stage};
 use super::subject::{Advanced, Subject, Watch};
-use pliant::mesh::TriangleMesh;
-use pliant::mesh::closest::SurfaceTree;
-use pliant::scene::content::{Content, Filled, SkinScene, Under};
-use pliant::simulation::LoadError;
-use pliant::simulation::Stepped;
-use pliant::simulation::skin::SkinRun;
-use pliant::skin::plan::Place;
-use pliant::skin::region::frame;
+use pliant::mesh::{SurfaceTree, TriangleMesh};
+use pliant::scene::{Content, ImplantFill, SkinScene, Support};
+use pliant::simulation::{LoadError, SkinRun, Stepped};
+use pliant::skin::{ImplantPlace, frame};
 use shots::Spot;
 
 /// Equilibria have no frame rate; they follow one another at this rate [1/s].
@@ -51,7 +47,7 @@ pub(super) struct Skin {
     controls: Arc<Vec<Control>>,
     /// Ranges of the sliders.
     ranges: controls::Ranges,
-    springs: Vec<pliant::constraints::distance::Distance>,
+    springs: Vec<pliant::constraints::Distance>,
     /// Position of each implant on the whole skin, and its undeformed shell [m].
     spots: Vec<Spot>,
     domes: Vec<TriangleMesh>,
@@ -66,10 +62,10 @@ fn scene_of(recipe: &Recipe) -> Result<SkinScene, Refused> {
     }
 }
 
-fn implants(scene: &SkinScene) -> &[Filled] {
+fn implants(scene: &SkinScene) -> &[ImplantFill] {
     match &scene.under {
-        Under::Implants(all) => all,
-        Under::Ball(_) => &[],
+        Support::Implants(all) => all,
+        Support::Ball(_) => &[],
     }
 }
 
@@ -181,7 +177,7 @@ impl Skin {
         let parts = [at.x, at.y, at.z].map(|c| format!("\"{c} m\"")).join(", ");
         let mut recipe = self.wanted().clone();
         let order = &implants(&self.run.scene)[implant].order;
-        if matches!(order.place, Place::Vertex(_)) {
+        if matches!(order.place, ImplantPlace::Vertex(_)) {
             recipe = recipe.with(&format!("implant.{implant}.near_vertex"), "none");
         }
         let recipe = recipe.with(&format!("implant.{implant}.at"), &format!("[{parts}]"));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3};
 
 use super::panel::Control;
-use pliant::fibres::binding::BoundLines;
+use pliant::fibres::BoundLines;
 use pliant::mesh::TriangleMesh;
 use pliant::scene::Scene;
 

@@ -15,11 +15,11 @@ use std::time::Instant;
 use lines::{compare, quick, result};
 
 use nalgebra::Vector3;
-use pliant::constraints::{Batch, EnclosedVolume, Order};
-use pliant::mesh::shapes::icosphere;
+use pliant::constraints::{Batch, EnclosedVolume, SweepOrder};
 use pliant::mesh::{Topology, TriangleMesh};
+use pliant::mesh::shapes::icosphere;
 use pliant::particles::Particles;
-use pliant::solvers::{Settings, System, stiffness};
+use pliant::solvers::{StepSettings, System, stiffness};
 use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, Vector};
 
 const ROUNDS: usize = 40;
@@ -31,7 +31,7 @@ const HELD: f64 = -0.98;
 fn ours(mesh: &TriangleMesh, topology: &Topology) -> System {
     let count = mesh.vertices.len();
     let inverse_mass = mesh.vertices.iter().map(|p| if p.x < HELD { 0.0 } else { 1e3 }).collect();
-    let settings = Settings {
+    let settings = StepSettings {
         iterations: 1,
         gravity: Vector3::new(0.0, GRAVITY, 0.0),
         velocity_factor: 0.99,
@@ -40,9 +40,9 @@ fn ours(mesh: &TriangleMesh, topology: &Topology) -> System {
     };
     let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), inverse_mass), settings);
     let (edges, stiff) = stiffness::edges(mesh, topology, 1e4);
-    system.elastic.push(Box::new(Batch::new(edges, stiffness::compliance(&stiff), Order::Coloured, count, &[])));
+    system.elastic.push(Box::new(Batch::new(edges, stiffness::compliance(&stiff), SweepOrder::Coloured, count, &[])));
     let (hinges, stiff) = stiffness::hinges(mesh, topology, 1e-3);
-    system.elastic.push(Box::new(Batch::new(hinges, stiffness::compliance(&stiff), Order::Coloured, count, &[])));
+    system.elastic.push(Box::new(Batch::new(hinges, stiffness::compliance(&stiff), SweepOrder::Coloured, count, &[])));
     system.volume = Some(EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), 0.0));
     system
 }

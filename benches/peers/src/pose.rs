@@ -13,17 +13,11 @@ use std::time::Instant;
 
 use lines::{note, quartiles, quick, result};
 use nalgebra::{Point3, Rotation3, Vector3};
-use pliant::constraints::bending::dihedral;
-use pliant::constraints::{Batch, Bending, Constraint, Distance, EnclosedVolume, Order};
-use pliant::mesh::shapes::icosphere;
+use pliant::constraints::{Batch, Bending, Constraint, Distance, EnclosedVolume, Quadratic, SweepOrder, dihedral};
 use pliant::mesh::{Topology, TriangleMesh};
+use pliant::mesh::shapes::icosphere;
 use pliant::particles::Particles;
-use pliant::solvers::descent::{Settings as Limits, Unguarded};
-use pliant::solvers::energy::Energy;
-use pliant::solvers::newton::Newton;
-use pliant::constraints::Quadratic;
-use pliant::solvers::quasi_static::QuasiStatic;
-use pliant::solvers::{Settings, System, stiffness};
+use pliant::solvers::{DescentSettings as Limits, Energy, Newton, QuasiStatic, StepSettings, System, Unguarded, stiffness};
 use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, SoftBodyMaterial, SpringCoefficients, Vector};
 
 /// Time of a frame [s].
@@ -159,7 +153,7 @@ struct Steps {
 impl Steps {
     fn new(task: &Task, substeps: u32) -> Self {
         let count = task.mesh.vertices.len();
-        let settings = Settings {
+        let settings = StepSettings {
             iterations: 1,
             gravity: Vector3::zeros(),
             velocity_factor: 1.0 / (1.0 + FRAME / f64::from(substeps) * DAMPING),
@@ -169,9 +163,9 @@ impl Steps {
         let particles = Particles::at_rest(task.mesh.vertices.clone(), task.inverse_mass.clone());
         let mut system = System::new(particles, settings);
         let (edges, k) = task.edges.clone();
-        system.elastic.push(Box::new(Batch::new(edges, stiffness::compliance(&k), Order::Coloured, count, &[])));
+        system.elastic.push(Box::new(Batch::new(edges, stiffness::compliance(&k), SweepOrder::Coloured, count, &[])));
         let (hinges, k) = task.hinges.clone();
-        system.elastic.push(Box::new(Batch::new(hinges, stiffness::compliance(&k), Order::Coloured, count, &[])));
+        system.elastic.push(Box::new(Batch::new(hinges, stiffness::compliance(&k), SweepOrder::Coloured, count, &[])));
         system.volume = Some(task.volume());
         Self { system, substeps }
     }

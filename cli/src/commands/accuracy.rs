@@ -12,11 +12,11 @@ use super::{FAILED, INTERRUPTED, environment, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use crate::report::{skin_accuracy, work_precision};
-use pliant::accuracy::skin::{self, SkinStudyError};
-use pliant::accuracy::{Options, Question, StudyError, measure};
+use pliant::accuracy::{
+    SkinStudyError, SolverQuestion, StudyError, StudyOptions, measure, measure_skin,
+};
 use pliant::progress::Progress;
-use pliant::scene::content::SkinScene;
-use pliant::scene::{Content, Scene};
+use pliant::scene::{Content, Scene, SkinScene};
 use pliant::simulation::Assets;
 
 /// Measure the cost of accuracy in a scene: errors and times of many solvers and settings against a
@@ -112,7 +112,7 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
     arguments.output.threads.start();
     let begun = Instant::now();
     let folder = Folder::open(&arguments.output.folder(&scene.name, "accuracy"))?;
-    let study = match skin::measure(scene, arguments.budget, &Said { stop: &stop }) {
+    let study = match measure_skin(scene, arguments.budget, &Said { stop: &stop }) {
         Ok(study) => study,
         Err(SkinStudyError::Load(error)) => return Err(error.into()),
         Err(error @ SkinStudyError::NoReference(_)) => {
@@ -132,11 +132,11 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
 }
 
 fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
-    if Question::of(&scene.solver).is_none() {
+    if SolverQuestion::of(&scene.solver).is_none() {
         return Err(no_energy());
     }
     let stop = stop_on_interrupt("stopping after this frame");
-    let options = Options {
+    let options = StudyOptions {
         budget: arguments.budget,
         frames: arguments.frames.map(|n| n as usize),
         threads: arguments.output.threads.count(),

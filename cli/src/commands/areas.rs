@@ -3,12 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
-use pliant::fibres::attachment::AreaSource;
+use pliant::fibres::AreaSource;
 use pliant::io::{self, MeshFile};
 use pliant::mesh::TriangleMesh;
 use pliant::scene::units::{Dimension, UnitError, parse};
-use pliant::simulation::LoadError;
-use pliant::simulation::attachments::component;
+use pliant::simulation::{LoadError, component};
 
 /// The text of an area.
 #[derive(Clone, Debug, PartialEq)]

@@ -8,7 +8,7 @@ use super::options::Output;
 use crate::report::biceps;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::output::RunOutput;
-use pliant::geometric::file::{self, Muscle};
+use pliant::geometric::file::{self, GeometricMuscle};
 use pliant::scene::units::{Dimension, parse};
 
 /// Change the length of a muscle of frusta that keeps its volume
@@ -66,7 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.output.finish(&Folder::open(&path)?, output)
 }
 
-fn read(path: &Path) -> Result<Muscle, Failure> {
+fn read(path: &Path) -> Result<GeometricMuscle, Failure> {
     let shown = path.display();
     let text = std::fs::read_to_string(path).map_err(|error| {
         Failure::usage(
@@ -82,7 +82,7 @@ fn read(path: &Path) -> Result<Muscle, Failure> {
     })
 }
 
-fn set(muscle: &mut Muscle, length: f64) -> Result<(), Failure> {
+fn set(muscle: &mut GeometricMuscle, length: f64) -> Result<(), Failure> {
     let [least, most] = muscle.range;
     if !(least..=most).contains(&length) {
         let [length, least, most] =

@@ -14,7 +14,7 @@ use super::options::Printing;
 use super::{BAD_INPUT, DONE, FAILED, length_unit, say_json};
 use checked::{Checked, Outcome};
 use pliant::io::write_whole;
-use pliant::mesh::repair::{LONGEST_RIM, Options};
+use pliant::mesh::{LONGEST_RIM, RepairOptions};
 use pliant::scene::units::{self, Dimension};
 
 /// Show the defects of meshes and whether a simulation accepts them, and repair them
@@ -127,7 +127,7 @@ fn exit_code(outcomes: &[Outcome]) -> u8 {
 }
 
 /// Options of a repair, lengths in the unit of the files.
-fn options(arguments: &Arguments, unit: Option<f64>) -> Result<Options, Failure> {
+fn options(arguments: &Arguments, unit: Option<f64>) -> Result<RepairOptions, Failure> {
     let merge_within = match (&arguments.merge_within, unit) {
         (Some(text), Some(unit)) => {
             let length = units::parse(text, Dimension::Length)
@@ -143,7 +143,7 @@ fn options(arguments: &Arguments, unit: Option<f64>) -> Result<Options, Failure>
         _ => 0.0,
     };
     let close_holes = arguments.close_holes.map_or(0, usize::from);
-    Ok(Options {
+    Ok(RepairOptions {
         merge_within,
         close_holes,
         keep_largest: arguments.keep_largest,

@@ -10,7 +10,7 @@ use miette::{
     Diagnostic, LabeledSpan, MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents,
 };
 
-use pliant::io::{MAX_FILE_BYTES, Place, ReadError};
+use pliant::io::{FilePlace, MAX_FILE_BYTES, ReadError};
 
 /// Greatest number of displayed characters of a line, around the column if known.
 const SHOWN_CHARACTERS: usize = 100;
@@ -43,11 +43,11 @@ impl<'a> Excerpt<'a> {
         } = error
         {
             match *place {
-                Place::Whole => {}
-                Place::Line(line) => {
+                FilePlace::Whole => {}
+                FilePlace::Line(line) => {
                     excerpt.line = Line::read(file, line, *column, found).ok().flatten()
                 }
-                Place::Offset(offset) => {
+                FilePlace::Offset(offset) => {
                     excerpt.bytes = hexadecimal(Path::new(&**file), offset as u64).ok()
                 }
             }

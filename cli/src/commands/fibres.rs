@@ -17,17 +17,14 @@ use super::{length_unit, warn};
 use crate::report::fibres::{Bundle, FILES, Summary, size};
 use crate::report::folder::{Folder, FolderError};
 use pliant::contact::Surface;
-use pliant::fibres::attachment::{Area, Attachment, AttachmentError};
-use pliant::fibres::binding::BoundLines;
-use pliant::fibres::fibre_measures::{Tendon, measure_fibres};
-use pliant::fibres::harmonic::{DecompositionError, Options};
-use pliant::fibres::method::{Method, MethodError, decompose_with};
+use pliant::fibres::harmonic::{DecompositionError, HarmonicOptions};
 use pliant::fibres::quality::{measure, tendons};
 use pliant::fibres::slices::SlicesError;
-use pliant::fibres::smooth::Smoothing;
 use pliant::fibres::springs::SpringsError;
-use pliant::fibres::superficial::{Registered, register};
-use pliant::fibres::template::Template;
+use pliant::fibres::{
+    Area, Attachment, AttachmentError, BoundLines, FibreMethod, MethodError, RegisteredLines,
+    Smoothing, Template, Tendon, decompose_by, measure_fibres, register,
+};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
 use pliant::progress::Progress;
@@ -126,7 +123,7 @@ fn share(text: &str) -> Result<f64, String> {
 struct Given {
     muscle: TriangleMesh,
     attachment: Attachment,
-    lines: Registered,
+    lines: RegisteredLines,
     notes: Vec<String>,
 }
 
@@ -153,12 +150,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         notes,
     } = &given;
     let method = match (arguments.method.as_str(), template) {
-        ("springs", Some((_, template))) => Method::Springs(template),
-        ("slices", Some((_, template))) => Method::Slices(template),
-        ("superficial", _) => Method::Superficial(&lines.lines),
-        _ => Method::Harmonic,
+        ("springs", Some((_, template))) => FibreMethod::Springs(template),
+        ("slices", Some((_, template))) => FibreMethod::Slices(template),
+        ("superficial", _) => FibreMethod::Superficial(&lines.lines),
+        _ => FibreMethod::Harmonic,
     };
-    let options = Options {
+    let options = HarmonicOptions {
         count: arguments.count as usize,
         points: arguments.points as usize,
     };
@@ -169,7 +166,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping");
     let made = match followed(begun, &stop, |progress| {
-        decompose_with(muscle, attachment, method, options, smoothing, progress)
+        decompose_by(muscle, attachment, method, options, smoothing, progress)
     }) {
         Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
         other => other.map_err(|error| undone(&error))?,
@@ -297,7 +294,7 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
         .map_err(|error| unusable(&error))?;
     let mut lines = match &arguments.lines {
         Some(path) => registered(path, unit, base)?,
-        None => Registered::default(),
+        None => RegisteredLines::default(),
     };
     if rest.is_some() {
         if attachment.origin.patch.is_some() || attachment.insertion.patch.is_some() {
@@ -336,7 +333,7 @@ fn rest(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<TriangleMesh, F
     Ok(rest)
 }
 
-fn registered(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<Registered, Failure> {
+fn registered(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<RegisteredLines, Failure> {
     let file = read_file(path, unit)?;
     let shown = path.display();
     if file.lines.is_empty() {

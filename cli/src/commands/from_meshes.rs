@@ -7,8 +7,7 @@ use super::failure::Failure;
 use super::{environment, length_unit};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
-use pliant::scene::effects::EFFECTS;
-use pliant::scene::{Scene, Surroundings, parse_with};
+use pliant::scene::{EFFECTS, Scene, Surroundings, parse_with};
 use pliant::simulation::Assets;
 
 /// Distance from a bone within which a muscle is attached [mm].

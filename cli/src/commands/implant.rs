@@ -18,11 +18,9 @@ use pliant::io;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::LoadError;
-use pliant::skin::coarse::halved_near;
-use pliant::skin::plan::{Inserted, PreparedPatch};
-use pliant::skin::settle::Progress;
-use pliant::skin::together::{Group, grouped};
-use pliant::skin::{ImplantSpec, SkinError};
+use pliant::skin::{
+    Group, ImplantSpec, Inserted, PreparedPatch, SettleProgress, SkinError, grouped, halved_near,
+};
 
 /// Number of rounds between two lines of progress.
 const SAY_EVERY: u32 = 10;
@@ -340,7 +338,7 @@ fn settle(
             if names.len() == 1 { "" } else { "s" },
             names.join(" and ")
         );
-        let mut watch = |p: &Progress| {
+        let mut watch = |p: &SettleProgress| {
             if p.rounds.is_multiple_of(SAY_EVERY) {
                 warn(&format!(
                     "{name}: round {}, moved {:.3} mm",

@@ -15,12 +15,10 @@ use super::progress::Stoppable;
 use super::run::stop_on_interrupt;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::moment_arms::{self as files, Swept};
-use pliant::fibres::harmonic::Options;
+use pliant::fibres::harmonic::HarmonicOptions;
 use pliant::format::number;
 use pliant::io::pvd::Collection;
-use pliant::moment_arms::arms::Arms;
-use pliant::moment_arms::reference::{ReferenceError, Table};
-use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
+use pliant::moment_arms::{Arms, By, ReferenceError, Running, Sweep, SweepError, Table};
 use pliant::scene::Content;
 use pliant::scene::units::{Dimension, parse};
 use pliant::simulation::{self, Observer, Scenario};
@@ -222,7 +220,7 @@ fn sweep(arguments: &Arguments) -> Result<Sweep, Failure> {
         to: angle("to", &arguments.to)?,
         step: angle("step", &arguments.step)?,
         frames: arguments.frames,
-        fibres: Options {
+        fibres: HarmonicOptions {
             count: arguments.count as usize,
             points: arguments.points as usize,
         },

@@ -17,11 +17,10 @@ use pliant::io::{self, PointData};
 use pliant::mesh::TriangleMesh;
 use pliant::morph::align::AlignError;
 use pliant::morph::blend::{self, BlendError, Laplacian, Path as Way};
-use pliant::morph::correspondence::{
-    Correspondence, CorrespondenceError, Method, Settings, Shared,
+use pliant::morph::sphere::{Relaxation, SphereError};
+use pliant::morph::{
+    Correspondence, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, Shared,
 };
-use pliant::morph::sphere::SphereError;
-use pliant::morph::sphere::relaxation::Relaxation;
 use pliant::simulation::LoadError;
 
 /// Blend two closed surfaces: their correspondence, intermediate shapes and intermediate point data
@@ -133,18 +132,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         pairs::read(file, meshes, paths, scale)
     })?;
     let read_s = begun.elapsed().as_secs_f64();
-    let settings = Settings {
+    let settings = CorrespondenceSettings {
         method: if arguments.method == "robust" {
-            Method::Robust
+            CorrespondenceMethod::Robust
         } else {
-            Method::Relaxation(Relaxation::default())
+            CorrespondenceMethod::Relaxation(Relaxation::default())
         },
         shared: if arguments.topology == "merged" {
             Shared::Merged
         } else {
             Shared::First
         },
-        ..Settings::default()
+        ..CorrespondenceSettings::default()
     };
     let progress = |_: &str, _: usize, _: usize| if_raised(&stop);
     let between = match Correspondence::new(meshes, &pairs, &settings, &progress) {

@@ -6,8 +6,8 @@ use super::failure::Failure;
 use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
-use pliant::io::names::file_name;
-use pliant::scene::solvers::SOLVERS;
+use pliant::io::file_name;
+use pliant::scene::SOLVERS;
 
 /// The long help of `--set`.
 pub(super) fn set_help() -> String {

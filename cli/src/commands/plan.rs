@@ -7,8 +7,7 @@ use super::options::Printing;
 use super::{DONE, environment, say_json};
 use crate::report::Table;
 use pliant::scene::Content;
-use pliant::simulation::plan::{LeftOut, Planned};
-use pliant::simulation::{Assets, Plan, scenario};
+use pliant::simulation::{Assets, LeftOut, Plan, Planned, scenario};
 
 /// Show which effects a scene runs, on how many elements, and which ones are left out and why
 #[derive(Debug, clap::Args)]

@@ -12,7 +12,7 @@ use super::warn;
 use pliant::mesh::measures::max_or_nan;
 use pliant::progress::Progress;
 use pliant::simulation::Measures;
-use pliant::springs::rest::StepRecord;
+use pliant::springs::StepRecord;
 
 /// Number of frames of muscles between two lines on a pipe.
 const LINE_EVERY: usize = 50;

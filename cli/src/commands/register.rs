@@ -11,9 +11,10 @@ use super::run::stop_on_interrupt;
 use super::{FAILED, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::register::Registration;
-use pliant::morph::register::icp::Select;
-use pliant::morph::register::whole::{Settings, register_surfaces};
-use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface};
+use pliant::morph::register::{
+    FitMotion, Icp, NonRigid, Ransac, RegisterError, RegistrationSettings, RegistrationSurface,
+    Select, register_surfaces,
+};
 
 /// Greatest number of vertices of each surface in the search for a start; more do not improve it.
 const MOST: usize = 20_000;
@@ -81,16 +82,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
     let wrong = |side: usize| move |error: RegisterError| refused(&error, paths[side]);
     let surfaces = [
-        Surface::new(&a.mesh).map_err(wrong(0))?,
-        Surface::new(&b.mesh).map_err(wrong(1))?,
+        RegistrationSurface::new(&a.mesh).map_err(wrong(0))?,
+        RegistrationSurface::new(&b.mesh).map_err(wrong(1))?,
     ];
     let read_s = begun.elapsed().as_secs_f64();
     let motion = if arguments.with == "rigid" {
-        Motion::Rigid
+        FitMotion::Rigid
     } else {
-        Motion::Similarity
+        FitMotion::Similarity
     };
-    let settings = Settings {
+    let settings = RegistrationSettings {
         motion,
         ransac: Ransac {
             good: arguments.overlap,

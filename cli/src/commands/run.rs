@@ -20,7 +20,7 @@ use crate::report::output::verdict_table;
 use crate::report::results::Results;
 use crate::report::summary::Summary;
 use pliant::accuracy::{self, Chosen, StudyError};
-use pliant::io::names::file_name;
+use pliant::io::file_name;
 use pliant::scene::{Accuracy, Content, Scene};
 use pliant::simulation::checkpoint::Fingerprint;
 use pliant::simulation::{self, Assets, Ended, LoadError, Observer, Plan, Simulation};

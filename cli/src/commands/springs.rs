@@ -21,10 +21,10 @@ use crate::report::output::Verdict;
 use built::Built;
 use nearing::Nearing;
 use pliant::format::number;
-use pliant::springs::Neighbours;
 use pliant::springs::integrators::{Adaptive, INTEGRATORS, Integrator, Verlet, by_name};
-use pliant::springs::rest::{End, Rest, Settled, settle_by};
-use pliant::springs::stability::{Mode, Stiffest, limit, stiffest};
+use pliant::springs::{
+    Mode, Neighbours, RestEnd, RestSettings, Settled, Stiffest, limit, settle_by, stiffest,
+};
 use written::Record;
 
 /// Default greatest number of steps; and the number without damping, which only shows oscillations.
@@ -239,7 +239,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         dt,
         longest,
     } = chosen(arguments, &stiffest)?;
-    let rest = Rest::share_of(&built.system, arguments.tolerance);
+    let rest = RestSettings::share_of(&built.system, arguments.tolerance);
     built.disturb(arguments.shrink, arguments.pin == "surface");
     let path = arguments.output.folder(&built.name, "springs");
     let mut record = Record::begin(Folder::open(&path)?, &built, arguments.every)?;
@@ -273,7 +273,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     bar.end();
     let mut summary = summary(arguments, &built, &stiffest, &settled, &rest);
     summary.steps_wanted = steps;
-    if settled.end == End::Steps {
+    if settled.end == RestEnd::Steps {
         let hint = if undamped {
             NEVER.to_owned()
         } else {
@@ -288,7 +288,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         summary.stability_limit_s,
     ) = (estimate, dt, longest);
     (summary.simulated_s, summary.wall_s) = (record.time(), begun.elapsed().as_secs_f64());
-    summary.interrupted = settled.end == End::Stopped;
+    summary.interrupted = settled.end == RestEnd::Stopped;
     record.check()?;
     let output = record.output(&built, summary)?;
     arguments.output.finish(record.folder(), output)
@@ -300,7 +300,7 @@ fn summary(
     built: &Built,
     stiffest: &Stiffest,
     settled: &Settled,
-    rest: &Rest,
+    rest: &RestSettings,
 ) -> Summary {
     let rows = Stiffest {
         mode: Mode {
@@ -323,7 +323,7 @@ fn summary(
         damping_ns_m: built.system.damping,
         stability_limit_of_row_sums_s: of_rows,
         stiffest_1_s2: stiffest.mode.angular_frequency_squared,
-        at_rest: settled.end == End::Rest,
+        at_rest: settled.end == RestEnd::Rest,
         end: in_words(settled, rest),
         steps: settled.steps,
         residual_force_n: settled.last.residual,
@@ -401,8 +401,8 @@ fn advance(
     built: &mut Built,
     mut integrator: Box<dyn Integrator>,
     dt: f64,
-    rest: Rest,
-    mut watch: impl FnMut(&pliant::springs::SpringSystem, &pliant::springs::rest::StepRecord) -> bool,
+    rest: RestSettings,
+    mut watch: impl FnMut(&pliant::springs::SpringSystem, &pliant::springs::StepRecord) -> bool,
 ) -> Settled {
     let system = &mut built.system;
     if is_adaptive {
@@ -425,7 +425,7 @@ fn advance(
     }
 }
 
-fn in_words(settled: &Settled, rest: &Rest) -> String {
+fn in_words(settled: &Settled, rest: &RestSettings) -> String {
     let last = &settled.last;
     let left = format!(
         "force {} N (allowed {}), motion {} J (allowed {})",
@@ -435,9 +435,9 @@ fn in_words(settled: &Settled, rest: &Rest) -> String {
         number(rest.energy)
     );
     match settled.end {
-        End::Rest => format!("at rest after {} steps: {left}", settled.steps),
-        End::Steps => format!("not at rest after {} steps: {left}", settled.steps),
-        End::Stopped => format!("stopped after {} steps: {left}", settled.steps),
-        End::Failed(error) => format!("failed after {} steps: {error}", settled.steps),
+        RestEnd::Rest => format!("at rest after {} steps: {left}", settled.steps),
+        RestEnd::Steps => format!("not at rest after {} steps: {left}", settled.steps),
+        RestEnd::Stopped => format!("stopped after {} steps: {left}", settled.steps),
+        RestEnd::Failed(error) => format!("failed after {} steps: {error}", settled.steps),
     }
 }

@@ -8,9 +8,9 @@ use nalgebra::Vector3;
 use super::output::{DataFile, OutputFile, Picture, Plot, RunOutput, Verdict, measures};
 use super::{LinePlot, Series, Table};
 use pliant::format::number;
-use pliant::geometric::file::Muscle;
+use pliant::geometric::file::GeometricMuscle;
 use pliant::geometric::pose::{Pose, at, cycle};
-use pliant::io::names::file_name;
+use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant_render::{
@@ -47,7 +47,7 @@ struct Measures {
 }
 
 impl Measures {
-    fn of(muscle: &Muscle, pose: &Pose, poses: Option<u32>) -> Self {
+    fn of(muscle: &GeometricMuscle, pose: &Pose, poses: Option<u32>) -> Self {
         let chain = &muscle.chain;
         let radii = || chain.radii().iter().copied();
         Self {
@@ -89,7 +89,7 @@ impl Measures {
 /// A picture that cannot be encoded.
 pub fn output<'a>(
     name: &str,
-    muscle: &'a Muscle,
+    muscle: &'a GeometricMuscle,
     frames: Option<u32>,
 ) -> Result<RunOutput<'a>, PictureError> {
     let pose = Pose::of(muscle);
@@ -215,7 +215,7 @@ fn lengths<'a>(poses: Vec<Pose>) -> DataFile<'a> {
 }
 
 /// The nodes, lengths in the unit of the file.
-fn nodes(muscle: &Muscle) -> Table {
+fn nodes(muscle: &GeometricMuscle) -> Table {
     let unit = |value: f64| value / muscle.unit;
     let mut nodes = Table::new(
         "Nodes",
@@ -259,7 +259,7 @@ fn plots(unit: f64, poses: &[Pose]) -> Vec<LinePlot> {
     plots
 }
 
-fn facts(muscle: &Muscle, pose: &Pose) -> String {
+fn facts(muscle: &GeometricMuscle, pose: &Pose) -> String {
     let unit = |value: f64| value / muscle.unit;
     let rest = muscle.chain.rest();
     format!(

@@ -10,9 +10,8 @@ use serde::Serialize;
 
 use super::Table;
 use super::output::{DataFile, OutputFile, RunOutput, Verdict, measures};
-use pliant::fibres::attachment::{Area, Attachment};
-use pliant::fibres::fibre_measures::{FibreMeasures, Tendon};
 use pliant::fibres::quality::Quality;
+use pliant::fibres::{Area, Attachment, FibreMeasures, Tendon};
 use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;

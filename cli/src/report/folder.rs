@@ -6,8 +6,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Mutex;
 
-use pliant::io::names::LIST;
-use pliant::io::write_whole;
+use pliant::io::{LIST, write_whole};
 use pliant_render::PictureError;
 
 /// The file from which a run resumes.

@@ -11,8 +11,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::folder::{CHECKPOINT, Folder, FolderError};
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
-use pliant::simulation::measures::strain_at_vertices;
-use pliant::simulation::{BodyDescription, FrameState, SceneDescription};
+use pliant::simulation::{BodyDescription, FrameState, SceneDescription, strain_at_vertices};
 
 /// Greatest number of frames in the queue of the writer; more would only use memory.
 const WAITING: usize = 4;

@@ -12,11 +12,10 @@ use serde_json::{Value, json};
 use super::output::{OutputFile, Picture, Plot, RunOutput, Verdict};
 use pliant::io::vtp;
 use pliant::mesh::TriangleMesh;
-use pliant::skin::Areas;
-use pliant::skin::areas::{CAVEATS, GROWN_SOURCE, RETRACTED_SOURCE, stretches};
-use pliant::skin::plan::{ImplantSpec, Inserted, PreparedPatch, Shell};
-use pliant::skin::settle::Progress;
-use pliant::skin::whole::Whole;
+use pliant::skin::{
+    Areas, CAVEATS, GROWN_SOURCE, ImplantSpec, Inserted, PreparedPatch, RETRACTED_SOURCE,
+    SettleProgress, Shell, Whole, stretches,
+};
 use pliant_render::PictureError;
 
 /// Results for one of several volumes of an implant.
@@ -31,7 +30,7 @@ pub struct Point {
     /// Areas.
     pub areas: Areas,
     /// State of the solution.
-    pub progress: Progress,
+    pub progress: SettleProgress,
 }
 
 /// Results of an insertion.

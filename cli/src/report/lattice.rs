@@ -7,7 +7,7 @@ use super::run::Account;
 use super::{LinePlot, Table};
 use pliant::format::number;
 use pliant::mesh::measures::max_or_nan;
-use pliant::simulation::lattice::LatticeRun;
+use pliant::simulation::LatticeRun;
 use pliant::springs::Neighbours;
 
 /// Greatest distance from its start, relative to the spacing, of a lattice that keeps its shape.
@@ -99,7 +99,7 @@ pub fn account(run: &LatticeRun) -> Account {
     ] {
         table.row([what.to_owned(), value]);
     }
-    let points = |of: fn(&pliant::simulation::lattice::Measured) -> f64| {
+    let points = |of: fn(&pliant::simulation::LatticeMeasures) -> f64| {
         run.frames
             .iter()
             .map(|f| (f.frame as f64, of(f) * 1e3))

@@ -6,15 +6,13 @@ use serde_json::{Value, json};
 use super::folder::{Folder, FolderError};
 use super::output::{DataFile, OutputFile, Picture, Plot, RunOutput, Verdict};
 use super::{LinePlot, Series, Table};
-use pliant::fibres::polyline::length;
+use pliant::fibres::length;
 use pliant::format::number;
-use pliant::io::names::file_name;
+use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
-use pliant::moment_arms::arms::Arms;
-use pliant::moment_arms::curve::extremes;
-use pliant::moment_arms::sweep::{By, Crossing, Running};
+use pliant::moment_arms::{Arms, By, Crossing, Running, extremes};
 use pliant_render::{
     Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render,
 };

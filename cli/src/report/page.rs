@@ -7,8 +7,7 @@ use super::record::Record;
 use super::results::Shots;
 use super::summary::{MuscleSummary, Summary};
 use super::{LinePlot, Report, Table, Turntable};
-use pliant::simulation::plan::{LeftOut, Planned};
-use pliant::simulation::{FrameState, Measures, SceneDescription};
+use pliant::simulation::{FrameState, LeftOut, Measures, Planned, SceneDescription};
 use pliant_render::PictureError;
 
 /// Greatest number of points of a plotted line; a longer run shows the maximum of each few frames.
@@ -154,7 +153,7 @@ fn plots(summary: &Summary, record: &Record) -> Vec<LinePlot> {
     };
     let mut plots = Vec::new();
     if runs("volume") {
-        plots.push(volume.with_limit("limit", pliant::simulation::measures::VOLUME_HELD));
+        plots.push(volume.with_limit("limit", pliant::simulation::VOLUME_HELD));
     }
     plots.push(stretch);
     if runs("contact") {

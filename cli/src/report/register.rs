@@ -13,9 +13,8 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::io::{PointData, obj};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::{Aabb, max_or_nan};
-use pliant::morph::pose::axes;
-use pliant::morph::register::Motion;
-use pliant::morph::register::whole::{Residual, SurfaceRegistration};
+use pliant::morph::axes;
+use pliant::morph::register::{FitMotion, RegistrationResidual, SurfaceRegistration};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, PictureError, Rgb, Surface, TextStyle, View,
     colour, render,
@@ -38,7 +37,7 @@ pub struct Registration<'a> {
     /// Result of the registration.
     pub laid: &'a SurfaceRegistration,
     /// Degrees of freedom.
-    pub motion: Motion,
+    pub motion: FitMotion,
     /// Given share of the first surface that corresponds to the second.
     pub overlap: f64,
     /// Seed of the draws.
@@ -162,7 +161,8 @@ impl Registration<'_> {
         let share = laid.share();
         let bent = laid.bent.as_ref().map(|bent| {
             let rigid = a.vertices.iter().map(|p| motion * p);
-            let moved = Residual::of(rigid.zip(&laid.points).map(|(p, q)| (q - p).norm()));
+            let moved =
+                RegistrationResidual::of(rigid.zip(&laid.points).map(|(p, q)| (q - p).norm()));
             Bending {
                 clusters: bent.count,
                 rounds: bent.rounds,
@@ -173,7 +173,7 @@ impl Registration<'_> {
                 moved_max: moved.max,
             }
         });
-        let told = |r: Residual| Distances {
+        let told = |r: RegistrationResidual| Distances {
             rms: r.rms,
             median: r.median,
             max: r.max,
@@ -188,7 +188,7 @@ impl Registration<'_> {
             vertices_b: b.vertices.len(),
             triangles_b: b.triangles.len(),
             length_unit: self.unit.unwrap_or("that of the files"),
-            with: if self.motion == Motion::Rigid {
+            with: if self.motion == FitMotion::Rigid {
                 "rigid"
             } else {
                 "similarity"
@@ -207,7 +207,7 @@ impl Registration<'_> {
             size: b.length(),
             inlier_share: share,
             residual: told(laid.residual()),
-            distance: told(Residual::of(laid.distances.iter().copied())),
+            distance: told(RegistrationResidual::of(laid.distances.iter().copied())),
             non_rigid: bent,
             times: Seconds {
                 read_s: self.read_s,

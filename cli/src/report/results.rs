@@ -14,7 +14,7 @@ use super::pictures::Painter;
 use super::record::Record;
 use super::summary::{Summary, Time};
 use pliant::accuracy::Chosen;
-use pliant::io::names::file_name;
+use pliant::io::file_name;
 use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::checkpoint::{self, Fingerprint};
 use pliant::simulation::{FrameState, Measures, Observer, Scenario, SceneDescription, Simulation};

@@ -14,7 +14,7 @@ use super::page::{of_effects, pictures, turntable};
 use super::pictures::Painter;
 use super::results::{Shots, end_unless};
 use super::{LinePlot, Report, Table, lattice, skin};
-use pliant::io::names::file_name;
+use pliant::io::file_name;
 use pliant::mesh::measures::median;
 use pliant::progress::Progress;
 use pliant::simulation::{Ended, Observer, Scenario, ScenarioKind, SceneDescription, run};

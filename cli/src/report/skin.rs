@@ -10,14 +10,11 @@ use super::run::Account;
 use super::{LinePlot, Table};
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes;
-use pliant::scene::content::Under;
-use pliant::simulation::skin::{Measured, Part, SkinRun};
-use pliant::skin::Areas;
-use pliant::skin::ImplantSpec;
-use pliant::skin::areas::CAVEATS;
-use pliant::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
-use pliant::skin::plan::Inserted;
-use pliant::skin::settle::deepest;
+use pliant::scene::Support;
+use pliant::simulation::{SkinMeasures, SkinPart, SkinRun};
+use pliant::skin::{
+    Areas, CAVEATS, GROWN_SOURCE, ImplantSpec, Inserted, RETRACTED_SOURCE, deepest,
+};
 use pliant_render::PictureError;
 
 /// Greatest relative volume error of an implant.
@@ -49,10 +46,10 @@ fn insertion(run: &SkinRun) -> Insertion<'_> {
         limit: run.scene.skin.stretch_limit,
         wanted: None,
         interrupted: false,
-        time: run.parts.iter().map(Part::time_s).sum(),
+        time: run.parts.iter().map(SkinPart::time_s).sum(),
         under: match run.scene.under {
-            Under::Implants(_) => "implant",
-            Under::Ball(_) => "ball",
+            Support::Implants(_) => "implant",
+            Support::Ball(_) => "ball",
         },
     }
 }
@@ -80,11 +77,11 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
 }
 
 /// Greatest relative departure of the implants' volumes from their fillings; `None` for a ball.
-fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
-    let Under::Implants(all) = &run.scene.under else {
+fn volume_error(run: &SkinRun, part: &SkinPart) -> Option<f64> {
+    let Support::Implants(all) = &run.scene.under else {
         return None;
     };
-    let of_frame = |f: &Measured| {
+    let of_frame = |f: &SkinMeasures| {
         let each = part.members.iter().zip(&f.shells);
         max_or_nan(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
     };
@@ -93,14 +90,14 @@ fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
 
 fn own_summary(run: &SkinRun) -> Map<String, Value> {
     let implants: Vec<Value> = match &run.scene.under {
-        Under::Implants(all) => {
+        Support::Implants(all) => {
             let mut each: Vec<(usize, Value)> = run.parts.iter().flat_map(json_of_part).collect();
             each.sort_by_key(|(number, _)| *number);
             each.into_iter()
                 .map(|(k, entry)| joined(entry, json!({"name": all[k].name})))
                 .collect()
         }
-        Under::Ball(_) => Vec::new(),
+        Support::Ball(_) => Vec::new(),
     };
     let mut all = joined(
         json_of(&run.areas_at(run.frame())),
@@ -111,7 +108,7 @@ fn own_summary(run: &SkinRun) -> Map<String, Value> {
             "implants": implants,
         }),
     );
-    if let (Under::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
+    if let (Support::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
         let at = run.ball_at(ball, part, run.frame());
         let ball = json!({"radius_m": ball.radius, "centre_m": at.centre.coords.as_slice()});
         let part = json_of_part(part).swap_remove(0).1;
@@ -164,7 +161,7 @@ fn csv(run: &SkinRun) -> String {
             let mut cells = vec![
                 frame.to_string(),
                 quoted(&part.name),
-                row.map_or(0.0, Measured::volume).to_string(),
+                row.map_or(0.0, SkinMeasures::volume).to_string(),
             ];
             cells.extend(areas.iter().chain(&rest).map(f64::to_string));
             cells.push(progress.iterations.to_string());
@@ -187,7 +184,7 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
     let cm2 = |of: fn(&Areas) -> f64| line(&move |a: &Areas| (of(a) - a.before) * 1e4);
     let mut gained =
         LinePlot::new("Area gained [cm2]", "frame").with("deformed", cm2(|a| a.deformed));
-    if matches!(run.scene.under, Under::Implants(_)) {
+    if matches!(run.scene.under, Support::Implants(_)) {
         gained = gained
             .with("retracted, least", cm2(|a| a.retracted.low))
             .with("retracted, most", cm2(|a| a.retracted.high))
@@ -203,7 +200,7 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
 }
 
 /// The entries of a part's implants, one for a ball, each with its index among all implants.
-fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
+fn json_of_part(part: &SkinPart) -> Vec<(usize, Value)> {
     let ready = &part.ready;
     let sites: Vec<(&ImplantSpec, &Isometry3<f64>)> = ready.sites().collect();
     let numbers = |k: usize| part.members.get(k).copied().unwrap_or(k);
@@ -231,8 +228,8 @@ fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
 }
 
 /// The entries of the frames of an implant.
-fn json_of_frames(part: &Part, shell: usize) -> Value {
-    let of = |f: &Measured| {
+fn json_of_frames(part: &SkinPart, shell: usize) -> Value {
+    let of = |f: &SkinMeasures| {
         f.shells
             .get(shell)
             .copied()
@@ -254,7 +251,7 @@ fn json_of_frames(part: &Part, shell: usize) -> Value {
 }
 
 /// The common entries of implants that share skin.
-fn json_of_region(part: &Part) -> Value {
+fn json_of_region(part: &SkinPart) -> Value {
     let (ready, last) = (&part.ready, part.frames.last());
     let areas = part.areas_at(last.map_or(0, |f| f.frame));
     let progress = last.map(|f| f.progress).unwrap_or_default();
@@ -279,7 +276,7 @@ fn json_of_region(part: &Part) -> Value {
 
 /// The report data of skin after its last frame.
 pub fn account(run: &SkinRun) -> Account {
-    let implants = matches!(run.scene.under, Under::Implants(_));
+    let implants = matches!(run.scene.under, Support::Implants(_));
     let insertion = insertion(run);
     let tables = if implants && run.frame() > 0 {
         vec![insertion.table(), insertion.run_table()]
@@ -314,7 +311,7 @@ pub fn account(run: &SkinRun) -> Account {
 pub fn pictures(run: &SkinRun) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
     // A ball supports the skin like an obstacle.
     let mut below = run.obstacles.clone();
-    if let (Under::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
+    if let (Support::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
         let at = run.ball_at(ball, part, run.frame());
         let mut round = shapes::icosphere(at.radius, 4);
         round

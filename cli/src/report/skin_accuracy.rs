@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 
 use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::{LinePlot, Table};
-use pliant::accuracy::skin::{SkinRow, SkinStudy, name};
-use pliant::skin::settle::Method;
+use pliant::accuracy::{SkinRow, SkinStudy, method_name};
+use pliant::skin::SettleMethod;
 
 /// Measures of a study.
 fn to_json(study: &SkinStudy) -> Value {
@@ -13,7 +13,7 @@ fn to_json(study: &SkinStudy) -> Value {
         let row = row.map(|k| &study.rows[k]);
         json!({
             "target": target,
-            "method": row.map(|r| name(r.method)),
+            "method": row.map(|r| method_name(r.method)),
             "edge_m": row.map(|r| r.edge),
             "time_s": row.map(|r| r.time_s),
         })
@@ -21,7 +21,7 @@ fn to_json(study: &SkinStudy) -> Value {
     let left_out = study
         .left_out
         .iter()
-        .map(|(edge, method)| json!({"edge_m": edge, "method": name(*method)}));
+        .map(|(edge, method)| json!({"edge_m": edge, "method": method_name(*method)}));
     json!({
         "scene": study.scene,
         "reference": row_json(study, &study.reference),
@@ -34,7 +34,7 @@ fn to_json(study: &SkinStudy) -> Value {
 
 fn row_json(study: &SkinStudy, row: &SkinRow) -> Value {
     json!({
-        "method": name(row.method),
+        "method": method_name(row.method),
         "edge_m": row.edge,
         "vertices": row.vertices,
         "springs": row.springs,
@@ -70,7 +70,7 @@ fn table(study: &SkinStudy) -> Table {
             ", below the uncertainty"
         };
         table.row([
-            name(row.method).to_owned(),
+            method_name(row.method).to_owned(),
             format!("{:.2}", row.edge * 1e3),
             row.vertices.to_string(),
             row.springs.to_string(),
@@ -97,7 +97,7 @@ fn recommendation(study: &SkinStudy) -> Table {
         match row.map(|k| &study.rows[k]) {
             Some(r) => table.row([
                 target,
-                name(r.method).to_owned(),
+                method_name(r.method).to_owned(),
                 format!("{:.2} mm", r.edge * 1e3),
                 format!("{:.2}", r.time_s),
             ]),
@@ -131,7 +131,7 @@ fn notes(study: &SkinStudy) -> Vec<String> {
 }
 
 fn plot(study: &SkinStudy) -> LinePlot {
-    let of = |method: Method| {
+    let of = |method: SettleMethod| {
         let rows = study
             .rows
             .iter()
@@ -142,8 +142,8 @@ fn plot(study: &SkinStudy) -> LinePlot {
         points
     };
     LinePlot::new("Error of the area gained [%]", "time [s]")
-        .with("Newton's method", of(Method::Newton))
-        .with("quasi-static", of(Method::QuasiStatic))
+        .with("Newton's method", of(SettleMethod::Newton))
+        .with("quasi-static", of(SettleMethod::QuasiStatic))
         .with_limit(
             "uncertainty",
             (study.uncertainty / study.reference.gain).abs() * 100.0,
@@ -171,7 +171,7 @@ fn data(study: &SkinStudy) -> DataFile<'_> {
     let rows = study.rows.iter().map(|r| (r, status(r))).chain(reference);
     let cells = |(row, state): (&SkinRow, &str)| {
         vec![
-            name(row.method).to_owned(),
+            method_name(row.method).to_owned(),
             row.edge.to_string(),
             row.vertices.to_string(),
             row.springs.to_string(),

@@ -9,9 +9,7 @@ use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
 use pliant::mesh::measures::max_or_nan;
 use pliant::scene::Solver;
-use pliant::simulation::measures::VOLUME_HELD;
-use pliant::simulation::plan::{LeftOut, Planned};
-use pliant::simulation::{Body, Measures, Simulation};
+use pliant::simulation::{Body, LeftOut, Measures, Planned, Simulation, VOLUME_HELD};
 
 /// Greatest distance of a muscle from its start at the end of a motion that returns, relative to
 /// its length.

@@ -5,15 +5,13 @@ use serde_json::{Value, json};
 use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::plot::{LinePlot, Series};
 use super::table::Table;
-use pliant::accuracy::candidates::HIERARCHY;
-use pliant::accuracy::{Question, Row, Status, Study};
-use pliant::scene::SolverSpec;
-use pliant::scene::solvers::SOLVERS;
+use pliant::accuracy::{HIERARCHY, SolverQuestion, Status, Study, StudyRow};
+use pliant::scene::{SOLVERS, SolverSpec};
 
 /// The solvers in the order of the key: those of a motion before those of an equilibrium.
 fn solvers() -> Vec<&'static SolverSpec> {
     let mut solvers: Vec<&SolverSpec> = SOLVERS.iter().collect();
-    solvers.sort_by_key(|spec| spec.question == Some(Question::Equilibrium));
+    solvers.sort_by_key(|spec| spec.question == Some(SolverQuestion::Equilibrium));
     solvers
 }
 
@@ -52,7 +50,7 @@ const COLUMNS: [&str; 30] = [
 ];
 
 /// True if the error of a row exceeds the reference's uncertainty.
-pub fn is_certain(row: &Row) -> bool {
+pub fn is_certain(row: &StudyRow) -> bool {
     row.error.rms >= row.uncertainty_m
 }
 
@@ -96,7 +94,7 @@ pub fn to_json(study: &Study) -> Value {
     })
 }
 
-fn row_json(study: &Study, row: &Row) -> Value {
+fn row_json(study: &Study, row: &StudyRow) -> Value {
     json!({
         "solver": row.candidate.solver_key(),
         "settings": row.candidate.settings(),
@@ -129,7 +127,7 @@ pub fn data(study: &Study) -> DataFile<'_> {
     )
 }
 
-fn cells(study: &Study, row: &Row, on_front: bool) -> Vec<String> {
+fn cells(study: &Study, row: &StudyRow, on_front: bool) -> Vec<String> {
     let settings = row.candidate.settings();
     let setting = |key: &str| match settings.get(key) {
         Some(Value::String(text)) => text.clone(),
@@ -167,11 +165,11 @@ fn cells(study: &Study, row: &Row, on_front: bool) -> Vec<String> {
 
 /// Error over time, one colour per solver, with the Pareto front.
 pub fn plot(study: &Study) -> LinePlot {
-    let total = |row: &Row| (row.error.rms + row.model_error_m) * 1e3;
-    let fine = |row: &&Row| row.status != Status::Diverged;
+    let total = |row: &StudyRow| (row.error.rms + row.model_error_m) * 1e3;
+    let fine = |row: &&StudyRow| row.status != Status::Diverged;
     let mut series = Vec::new();
     for SolverSpec { key, name, .. } in solvers() {
-        let rows: Vec<&Row> = study
+        let rows: Vec<&StudyRow> = study
             .rows
             .iter()
             .filter(|r| r.candidate.solver_key() == *key)
@@ -332,7 +330,7 @@ pub fn notes(study: &Study) -> Vec<String> {
             "Frames 1 to {} of {}, over which vertices move by {} mm RMS: more budget compares more.",
             study.frames,
             study.frames_of_scene,
-            mm(pliant::accuracy::Distance::between(&first, &last).rms)
+            mm(pliant::accuracy::FrameDistance::between(&first, &last).rms)
         ));
     }
     if !study.left_out.is_empty() {
@@ -390,10 +388,10 @@ pub fn output(study: &Study) -> RunOutput<'_> {
     }
 }
 
-fn question_name(question: Question) -> &'static str {
+fn question_name(question: SolverQuestion) -> &'static str {
     match question {
-        Question::Motion => "motion",
-        Question::Equilibrium => "equilibrium",
+        SolverQuestion::Motion => "motion",
+        SolverQuestion::Equilibrium => "equilibrium",
     }
 }
 

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 use super::findings::{Measure, OF_LATTICES, OF_MUSCLES, OF_SKIN};
 use super::key::{Contents, key_of, name_of};
 use pliant::format::number;
-use pliant::scene::content::Content;
-use pliant::scene::study::{Change, Combine, StudyFile};
-use pliant::scene::{Effects, Material, Scene, SceneError, Solver};
+use pliant::scene::{
+    Combine, Content, Effects, Material, Scene, SceneError, Solver, StudyChange, StudyFile,
+};
 use pliant::simulation::{Assets, LoadError, Plan, Scenario, Simulation, scenario};
 
 /// Purpose of a run.
@@ -78,7 +78,7 @@ pub struct Combination {
     /// The value of each varied key; `None` for the value of the scene with its fixed changes.
     pub values: Vec<Option<String>>,
     /// Changes besides the fixed ones.
-    pub changes: Vec<Change>,
+    pub changes: Vec<StudyChange>,
     /// The subject of the run.
     pub subject: Subject,
     /// All inputs of its result, as text.
@@ -146,7 +146,7 @@ pub struct Combinations {
 }
 
 /// A choice of values: one of each varied key, or none.
-type Choice<'a> = Vec<Option<&'a Change>>;
+type Choice<'a> = Vec<Option<&'a StudyChange>>;
 
 impl Combinations {
     /// Creates and checks all scenes of a study: each is parsed, its meshes are read, its muscles
@@ -235,7 +235,7 @@ fn looked_at(scenes: &[Content]) -> Vec<usize> {
     frames
 }
 
-fn given<'a>(choice: &Choice<'a>) -> Vec<&'a Change> {
+fn given<'a>(choice: &Choice<'a>) -> Vec<&'a StudyChange> {
     choice.iter().copied().flatten().collect()
 }
 
@@ -334,7 +334,7 @@ impl Making<'_> {
         role: Role,
         label: String,
         choice: &Choice<'_>,
-        changes: &[&Change],
+        changes: &[&StudyChange],
         scene: Content,
     ) -> Result<Combination, SceneError> {
         let refused = |error: LoadError| self.file.refused(changes, &error.terse());
@@ -369,15 +369,15 @@ impl Making<'_> {
     fn references(
         &mut self,
         all: &mut Vec<Combination>,
-        chosen: &[Vec<&Change>],
+        chosen: &[Vec<&StudyChange>],
     ) -> Result<(), SceneError> {
         let none = vec![None; self.file.vary.len()];
         let mut known: HashMap<String, usize> = HashMap::new();
         // Rows that were merged with the first have the same reference.
-        let rows: Vec<(usize, &Vec<&Change>)> = match self.file.combine {
+        let rows: Vec<(usize, &Vec<&StudyChange>)> = match self.file.combine {
             Combine::All => chosen.iter().enumerate().collect(),
             Combine::OneAtATime => {
-                let text = |c: &Change| (c.key.clone(), c.value.clone());
+                let text = |c: &StudyChange| (c.key.clone(), c.value.clone());
                 let of = |row: &Combination| {
                     let set = self
                         .file
@@ -404,7 +404,7 @@ impl Making<'_> {
             }
         };
         for (k, changes) in rows {
-            let changes: Vec<&Change> = changes
+            let changes: Vec<&StudyChange> = changes
                 .iter()
                 .copied()
                 .chain(&self.file.reference)

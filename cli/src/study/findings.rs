@@ -11,7 +11,7 @@ use super::sheet;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::output::{DataFile, json_text};
 use crate::report::{Report, Table};
-use pliant::accuracy::Distance;
+use pliant::accuracy::FrameDistance;
 use pliant::format::number;
 
 /// A measure: name, header in tables, and factor to the unit there.
@@ -92,7 +92,7 @@ pub struct Row {
     /// `None` if the run does not exist.
     pub outcome: Option<Outcome>,
     /// Distance to the reference at each compared frame; `None` without one.
-    pub errors: Vec<Option<Distance>>,
+    pub errors: Vec<Option<FrameDistance>>,
 }
 
 impl Row {
@@ -129,9 +129,9 @@ fn cell(value: f64) -> String {
 }
 
 /// RMS and greatest distance of all vertices; `None` for different meshes.
-fn distance(a: &Positions, b: &Positions) -> Option<Distance> {
+fn distance(a: &Positions, b: &Positions) -> Option<FrameDistance> {
     let alike = a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.len() == b.len());
-    alike.then(|| Distance::between(&[a.concat()], &[b.concat()]))
+    alike.then(|| FrameDistance::between(&[a.concat()], &[b.concat()]))
 }
 
 impl<'a> Findings<'a> {
@@ -287,7 +287,8 @@ impl<'a> Findings<'a> {
         }
         cells.extend(self.measures().map(|(name, ..)| cell(row.number(name))));
         if self.has_errors() {
-            let both = |e: &Option<Distance>| e.map_or([f64::NAN; 2], |e| [e.rms, e.max]).map(cell);
+            let both =
+                |e: &Option<FrameDistance>| e.map_or([f64::NAN; 2], |e| [e.rms, e.max]).map(cell);
             cells.extend(row.errors.iter().flat_map(both));
         }
         cells
@@ -314,7 +315,7 @@ impl<'a> Findings<'a> {
             .iter()
             .zip(&row.values)
             .map(|((key, _), v)| (key.clone(), json!(v)));
-        let error = |(frame, e): (&usize, &Option<Distance>)| {
+        let error = |(frame, e): (&usize, &Option<FrameDistance>)| {
             let [rms, max] = [e.map(|e| e.rms), e.map(|e| e.max)];
             json!({"frame": frame, "rms_m": rms, "max_m": max})
         };
@@ -447,7 +448,7 @@ fn short(value: f64) -> String {
     }
 }
 
-fn errors(frames: &[usize], outcome: &Outcome, reference: &Outcome) -> Vec<Option<Distance>> {
+fn errors(frames: &[usize], outcome: &Outcome, reference: &Outcome) -> Vec<Option<FrameDistance>> {
     frames
         .iter()
         .map(|&f| distance(outcome.at(f)?, reference.at(f)?))

@@ -6,8 +6,7 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use pliant::encode::text_of;
-use pliant::scene::content::{Content, SkinSurface};
-use pliant::scene::{Area, Scene, Source};
+use pliant::scene::{AreaSpec, Content, Scene, SkinSurface, Source};
 use pliant::state::Hash;
 
 /// Version of the layout of stored results: another number invalidates all old ones.
@@ -90,8 +89,8 @@ fn sources(scene: &Scene) -> impl Iterator<Item = &Source> {
     let bones = scene.bones.iter().map(|bone| &bone.surface);
     let muscles = scene.muscles.iter().flat_map(|muscle| {
         let patches = muscle.attachments.iter().filter_map(|a| match &a.area {
-            Area::Patch { source, .. } => Some(source),
-            Area::Near(_) | Area::Vertices(_) => None,
+            AreaSpec::Patch { source, .. } => Some(source),
+            AreaSpec::Near(_) | AreaSpec::Vertices(_) => None,
         });
         std::iter::once(&muscle.surface)
             .chain(&muscle.fibres)

@@ -5,8 +5,7 @@ use std::fs;
 
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::ImplantSpec;
-use pliant::skin::plan::{Place, PreparedPatch};
+use pliant::skin::{ImplantPlace, ImplantSpec, PreparedPatch};
 use pliant_cli::report::implant::Insertion;
 use serde_json::Value;
 
@@ -268,7 +267,7 @@ fn a_closed_skin_stays_closed_and_each_implant_is_shown() {
     // The same check rejects patches that lie beside the rest, a defect of an earlier version.
     let order = ImplantSpec {
         edge: Some(5e-3),
-        ..ImplantSpec::round(Place::Point([0.0, 0.0, 0.1].into()), 0.04, 8e-6)
+        ..ImplantSpec::round(ImplantPlace::Point([0.0, 0.0, 0.1].into()), 0.04, 8e-6)
     };
     let ready = PreparedPatch::new(&ball, &order, &[]).unwrap();
     let first = ball.vertices.len() as u32;

@@ -434,7 +434,7 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
     let [ball, plate] = ball_and_box(&scratch);
     let whole = scratch.join("whole.vtk");
     let mesh = shapes::make("icosphere").unwrap().mesh;
-    vtk::write(&whole, &mesh, &[], vtk::Encoding::Binary).unwrap();
+    vtk::write(&whole, &mesh, &[], vtk::VtkEncoding::Binary).unwrap();
     let bytes = fs::read(&whole).unwrap();
     let cut = scratch.join("cut.vtk");
     fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();

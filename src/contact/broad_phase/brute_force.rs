@@ -2,11 +2,11 @@
 
 use nalgebra::Point3;
 
-use super::{Best, Method, NearestTriangle};
+use super::{Best, BroadPhase, NearestTriangle};
 use crate::mesh::TriangleMesh;
 
 /// Entry in the list of methods.
-pub(super) const METHOD: Method = Method {
+pub(super) const METHOD: BroadPhase = BroadPhase {
     name: "brute force",
     sizes: &[0],
     usual: 0,

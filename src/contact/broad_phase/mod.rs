@@ -5,12 +5,12 @@
 //! away. The bit grid has no triangles and an error of up to a box; it is separate. A new method is
 //! a file of its own and an entry in [`WAYS`].
 
-pub mod bit_grid;
+pub(crate) mod bit_grid;
 mod boxes;
-pub mod brute_force;
-pub mod octree;
+pub(crate) mod brute_force;
+pub(crate) mod octree;
 pub(crate) mod overlap;
-pub mod voxels;
+pub(crate) mod voxels;
 
 use std::sync::Arc;
 
@@ -37,7 +37,7 @@ pub trait NearestTriangle: Send + Sync {
 }
 
 /// A method with the sizes that the first source compares.
-pub struct Method {
+pub struct BroadPhase {
     /// Name of the method.
     pub name: &'static str,
     /// Values of the parameter: boxes along an axis, or triangles in a cell; zero for a method
@@ -49,7 +49,7 @@ pub struct Method {
     pub sort: fn(&TriangleMesh, usize) -> Box<dyn NearestTriangle>,
 }
 
-impl Method {
+impl BroadPhase {
     /// The surface of `mesh` as an obstacle with this method and the usual size.
     pub fn obstacle(&self, mesh: &TriangleMesh) -> Arc<dyn Obstacle> {
         Arc::new(Searched::new(mesh, (self.sort)(mesh, self.usual)))
@@ -57,7 +57,7 @@ impl Method {
 }
 
 /// All methods.
-pub const METHODS: &[Method] = &[brute_force::METHOD, voxels::METHOD, octree::METHOD];
+pub const METHODS: &[BroadPhase] = &[brute_force::METHOD, voxels::METHOD, octree::METHOD];
 
 /// A surface at rest with any method for the nearest triangle; signs are those of
 /// [`super::Surface`].

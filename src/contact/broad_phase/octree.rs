@@ -3,11 +3,11 @@
 use nalgebra::{Point3, Vector3};
 
 use super::overlap::may_meet;
-use super::{Best, Method, NearestTriangle, boxes::Boxes};
+use super::{Best, BroadPhase, NearestTriangle, boxes::Boxes};
 use crate::mesh::TriangleMesh;
 
 /// Entry in the list of methods.
-pub(super) const METHOD: Method = Method {
+pub(super) const METHOD: BroadPhase = BroadPhase {
     name: "octree",
     sizes: &[4, 8, 16],
     usual: 8,

@@ -3,11 +3,11 @@
 use nalgebra::Point3;
 
 use super::boxes::Boxes;
-use super::{Best, Method, NearestTriangle};
+use super::{Best, BroadPhase, NearestTriangle};
 use crate::mesh::TriangleMesh;
 
 /// Entry in the list of methods.
-pub(super) const METHOD: Method = Method {
+pub(super) const METHOD: BroadPhase = BroadPhase {
     name: "voxels",
     sizes: &[16, 24, 32, 64],
     usual: 32,

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::super::attachment::over_triangle;
-use super::super::solid::{Row, Solid};
+use super::super::solid::{Solid, WallRow};
 use crate::mesh::TriangleMesh;
 
 /// No cell.
@@ -179,7 +179,8 @@ impl Cells {
     ) {
         let middle = self.middle([0, j, k]);
         let through = |p: &Point3<f64>| solid.row(p.y, p.z);
-        let octants: [Row<'_>; 4] = std::array::from_fn(|n| through(&self.octant(&middle, n << 1)));
+        let octants: [WallRow<'_>; 4] =
+            std::array::from_fn(|n| through(&self.octant(&middle, n << 1)));
         let middles = through(&middle);
         // The state is constant between two cubes without surface; the first cube is outside.
         let mut known = Some(false);

@@ -12,7 +12,7 @@ use crate::mesh::measures::max_or_nan;
 use crate::rest::{End, Relax, all_within, relax};
 use crate::solvers::sparse::{Factor, FactorError};
 use crate::springs::Neighbours;
-use crate::springs::lattice::Shape;
+use crate::springs::lattice::LatticeShape;
 use crate::springs::patterns;
 
 /// Greatest number of steps of Newton's method.
@@ -104,7 +104,7 @@ pub fn face(
     free.iter()
         .enumerate()
         .for_each(|(u, &p)| unknown[p as usize] = u as u32);
-    let sheet = Shape {
+    let sheet = LatticeShape {
         points: [nr, ns, 1],
         origin: [0.0; 3],
         spacing: [1.0; 3],

@@ -17,7 +17,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::rings::Ring;
 use super::{SpringsError, network};
-use crate::fibres::attachment::{Area, Attachment, End};
+use crate::fibres::attachment::{Area, Attachment, MuscleEnd};
 use crate::fibres::polyline::equal_shares;
 use crate::fibres::template::Sampling;
 use crate::mesh::closest::SurfaceTree;
@@ -92,8 +92,8 @@ impl<'a> Seats<'a> {
     ) -> Result<Self, SpringsError> {
         let locator = Locator::new(map);
         let ends = [
-            (End::Origin, &attachment.origin),
-            (End::Insertion, &attachment.insertion),
+            (MuscleEnd::Origin, &attachment.origin),
+            (MuscleEnd::Insertion, &attachment.insertion),
         ];
         let mut centres = [Vector3::zeros(); 2];
         for (centre, (end, area)) in centres.iter_mut().zip(ends) {

@@ -2,10 +2,10 @@
 
 use nalgebra::Point3;
 
-use super::Encoding;
+use super::PlyEncoding;
 use crate::io::MeshFile;
 use crate::io::cursor::{Cursor, beyond_double, count, finite, integer, number};
-use crate::io::error::{Place, Problem, ReadError};
+use crate::io::error::{FilePlace, ReadError, ReadProblem};
 use crate::io::surface::Surface;
 
 /// The type of a number.
@@ -141,7 +141,7 @@ impl Element {
 pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut cursor = Cursor::new(name, bytes);
     let (encoding, elements) = header(&mut cursor)?;
-    cursor.binary = encoding != Encoding::Text;
+    cursor.binary = encoding != PlyEncoding::Text;
     let mut body = Body {
         cursor,
         encoding,
@@ -159,7 +159,7 @@ pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
     body.surface.finish(&body.cursor)
 }
 
-fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError> {
+fn header(cursor: &mut Cursor<'_>) -> Result<(PlyEncoding, Vec<Element>), ReadError> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
     // The first line is "ply"; the detection of the format checked it.
@@ -167,20 +167,20 @@ fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError
     cursor.next_line();
     loop {
         let Some(line) = cursor.text_line()? else {
-            return Err(cursor.fail(Problem::Truncated { what: "the header" }, b""));
+            return Err(cursor.fail(ReadProblem::Truncated { what: "the header" }, b""));
         };
         let words: Vec<&[u8]> = line
             .split(u8::is_ascii_whitespace)
             .filter(|word| !word.is_empty())
             .collect();
-        let expected = |what| cursor.fail(Problem::Expected { what }, line);
+        let expected = |what| cursor.fail(ReadProblem::Expected { what }, line);
         match words.as_slice() {
             [] | [b"comment" | b"obj_info", ..] => {}
             [b"format", kind, _version] => {
                 encoding = Some(match *kind {
-                    b"ascii" => Encoding::Text,
-                    b"binary_little_endian" => Encoding::Little,
-                    b"binary_big_endian" => Encoding::Big,
+                    b"ascii" => PlyEncoding::Text,
+                    b"binary_little_endian" => PlyEncoding::Little,
+                    b"binary_big_endian" => PlyEncoding::Big,
                     _ => return Err(expected("ascii, binary_little_endian or binary_big_endian")),
                 });
             }
@@ -227,7 +227,7 @@ fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError
 
 struct Body<'a> {
     cursor: Cursor<'a>,
-    encoding: Encoding,
+    encoding: PlyEncoding,
     surface: Surface,
 }
 
@@ -238,7 +238,7 @@ impl<'a> Body<'a> {
             .properties
             .iter()
             .map(|p| {
-                if self.encoding == Encoding::Text {
+                if self.encoding == PlyEncoding::Text {
                     2
                 } else {
                     p.length.unwrap_or(p.kind).bytes()
@@ -249,7 +249,7 @@ impl<'a> Body<'a> {
         // size 0.
         let possible = ((self.cursor.rest().len() + 1) / smallest.max(1)) as u64;
         if smallest > 0 && element.count > possible {
-            let problem = Problem::CountExceedsFile {
+            let problem = ReadProblem::CountExceedsFile {
                 declared: element.count,
                 possible,
             };
@@ -262,7 +262,7 @@ impl<'a> Body<'a> {
         let axes = [b"x", b"y", b"z"].map(|axis| element.position(&[axis.as_slice()]));
         let [Some(x), Some(y), Some(z)] = axes else {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "properties x, y and z of 'vertex'",
                 },
                 b"",
@@ -273,7 +273,7 @@ impl<'a> Body<'a> {
             .any(|&i| element.properties[i].length.is_some())
         {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "numbers x, y and z, not lists",
                 },
                 b"",
@@ -283,7 +283,7 @@ impl<'a> Body<'a> {
             let vertex = surface.vertices.len();
             let mut position = Point3::origin();
             for (axis, property) in [x, y, z].into_iter().enumerate() {
-                let value = record.first(property).ok_or(Problem::TooFewNumbers {
+                let value = record.first(property).ok_or(ReadProblem::TooFewNumbers {
                     got: axis,
                     wanted: 3,
                 })?;
@@ -292,7 +292,7 @@ impl<'a> Body<'a> {
                         surface.underflow(&|| place);
                         value.real()
                     }
-                    Number::Beyond(_) => return Err(Problem::Overflow { vertex }),
+                    Number::Beyond(_) => return Err(ReadProblem::Overflow { vertex }),
                     _ => finite(value.real(), vertex)?,
                 };
             }
@@ -304,7 +304,7 @@ impl<'a> Body<'a> {
     fn faces(&mut self, element: &Element) -> Result<(), ReadError> {
         let Some(property) = element.position(&[b"vertex_indices", b"vertex_index"]) else {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "a list vertex_indices of 'face'",
                 },
                 b"",
@@ -333,7 +333,7 @@ impl<'a> Body<'a> {
             for (got, property) in [first, second].into_iter().enumerate() {
                 let value = record
                     .first(property)
-                    .ok_or(Problem::TooFewNumbers { got, wanted: 2 })?;
+                    .ok_or(ReadProblem::TooFewNumbers { got, wanted: 2 })?;
                 corners[got] = surface.index(whole_index(value)?)?;
             }
             surface.line(&corners)
@@ -344,7 +344,7 @@ impl<'a> Body<'a> {
     fn records(
         &mut self,
         element: &Element,
-        mut each: impl FnMut(&mut Surface, &Record<'_>, Place) -> Result<(), Problem>,
+        mut each: impl FnMut(&mut Surface, &Record<'_>, FilePlace) -> Result<(), ReadProblem>,
     ) -> Result<(), ReadError> {
         if element.properties.is_empty() {
             return Ok(());
@@ -352,7 +352,7 @@ impl<'a> Body<'a> {
         let mut record = Record::new(element, self.encoding);
         let stride = element.bytes_without_lists();
         for _ in 0..element.count {
-            let quoted = if self.encoding == Encoding::Text {
+            let quoted = if self.encoding == PlyEncoding::Text {
                 self.text_record(element, &mut record)?
             } else {
                 let start = self.cursor.position();
@@ -387,7 +387,7 @@ impl<'a> Body<'a> {
             match cursor.text_line()? {
                 None => {
                     return Err(cursor.fail(
-                        Problem::Truncated {
+                        ReadProblem::Truncated {
                             what: "the elements",
                         },
                         b"",
@@ -405,7 +405,7 @@ impl<'a> Body<'a> {
         let mut next = |kind: Kind| {
             let Some(word) = words.next() else {
                 return Err(here.fail(
-                    Problem::TooFewNumbers {
+                    ReadProblem::TooFewNumbers {
                         got,
                         wanted: got + 1,
                     },
@@ -460,7 +460,7 @@ impl<'a> Body<'a> {
             let size = property.kind.bytes();
             let room = (self.cursor.rest().len() / size) as u64;
             if length > room {
-                let problem = Problem::CountExceedsFile {
+                let problem = ReadProblem::CountExceedsFile {
                     declared: length,
                     possible: room,
                 };
@@ -475,19 +475,19 @@ impl<'a> Body<'a> {
     }
 }
 
-fn whole_index(index: Number) -> Result<i64, Problem> {
+fn whole_index(index: Number) -> Result<i64, ReadProblem> {
     match index {
         Number::Whole(index) => Ok(index),
-        _ => Err(Problem::Expected {
+        _ => Err(ReadProblem::Expected {
             what: "whole numbers as vertex indices",
         }),
     }
 }
 
-fn whole_length(length: Number) -> Result<u64, Problem> {
+fn whole_length(length: Number) -> Result<u64, ReadProblem> {
     match length {
         Number::Whole(n) if n >= 0 => Ok(n as u64),
-        _ => Err(Problem::Expected {
+        _ => Err(ReadProblem::Expected {
             what: "a whole number of list items",
         }),
     }
@@ -505,8 +505,8 @@ struct Record<'a> {
 }
 
 impl Record<'_> {
-    fn new(element: &Element, encoding: Encoding) -> Self {
-        let (is_text, big) = (encoding == Encoding::Text, encoding == Encoding::Big);
+    fn new(element: &Element, encoding: PlyEncoding) -> Self {
+        let (is_text, big) = (encoding == PlyEncoding::Text, encoding == PlyEncoding::Big);
         let kinds = element.properties.iter().map(|p| p.kind).collect();
         Self {
             text: Vec::new(),

@@ -1,24 +1,24 @@
 //! Surfaces of unstructured grids: the cell types that are part of a surface.
 
 use super::read::{Cells, Numbers};
-use crate::io::error::{Place, Problem, ReadError};
+use crate::io::error::{FilePlace, ReadError, ReadProblem};
 use crate::io::surface::Surface;
 
 /// The types of the cells, as numbers of VTK.
 pub(super) struct CellTypes<'a>(pub(super) Numbers<'a>);
 
 /// The error for a cell that fills a volume.
-const VOLUME: Problem = Problem::NoSurface {
+const VOLUME: ReadProblem = ReadProblem::NoSurface {
     what: "a cell of a surface, not of a volume",
 };
 
 /// The error for a cell with curved sides.
-const CURVED: Problem = Problem::NoSurface {
+const CURVED: ReadProblem = ReadProblem::NoSurface {
     what: "a cell with straight edges, not a curved one",
 };
 
 /// The error for any other number.
-const UNKNOWN: Problem = Problem::Expected {
+const UNKNOWN: ReadProblem = ReadProblem::Expected {
     what: "a cell type of VTK: line, triangle, strip, polygon, pixel or quad (3 to 9)",
 };
 
@@ -35,7 +35,7 @@ pub(super) fn add_cells(
     let (declared, used) = (types.0.values.len(), cells.ranges.len());
     if declared != used {
         let what = "the number of cell types";
-        let problem = Problem::SizeMismatch {
+        let problem = ReadProblem::SizeMismatch {
             what,
             declared: declared as u64,
             used: used as u64,
@@ -45,7 +45,7 @@ pub(super) fn add_cells(
     let mut corners = Vec::new();
     for (i, &range) in cells.ranges.iter().enumerate() {
         cells.corners(surface, range, &mut corners)?;
-        let at: &dyn Fn() -> Place = &|| cells.place(range);
+        let at: &dyn Fn() -> FilePlace = &|| cells.place(range);
         let added = match types.0.values[i] {
             // Points, and the empty cell of VTK.
             0..=2 => Ok(()),
@@ -74,21 +74,21 @@ pub(super) fn add_cells(
     Ok(())
 }
 
-fn refused(types: &CellTypes<'_>, i: usize, problem: Problem) -> ReadError {
+fn refused(types: &CellTypes<'_>, i: usize, problem: ReadProblem) -> ReadError {
     types.0.fail(i, problem)
 }
 
-fn exactly(wanted: usize, corners: &[u32]) -> Result<(), Problem> {
+fn exactly(wanted: usize, corners: &[u32]) -> Result<(), ReadProblem> {
     let got = corners.len();
     match got.cmp(&wanted) {
         std::cmp::Ordering::Equal => Ok(()),
-        std::cmp::Ordering::Less => Err(Problem::TooFewCorners { got, wanted }),
+        std::cmp::Ordering::Less => Err(ReadProblem::TooFewCorners { got, wanted }),
         std::cmp::Ordering::Greater => {
             let (what, declared) = (
                 "the number of corners and the type of a cell",
                 wanted as u64,
             );
-            Err(Problem::SizeMismatch {
+            Err(ReadProblem::SizeMismatch {
                 what,
                 declared,
                 used: got as u64,

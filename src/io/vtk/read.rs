@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use super::grid::{CellTypes, add_cells};
 use crate::io::MeshFile;
 use crate::io::cursor::{Cursor, count, finite, integer, number};
-use crate::io::error::{A_NUMBER, Place, Problem, ReadError};
+use crate::io::error::{A_NUMBER, FilePlace, ReadError, ReadProblem};
 use crate::io::surface::Surface;
 
 /// The type of a number.
@@ -100,7 +100,7 @@ impl<'a> Numbers<'a> {
         cursor
     }
 
-    pub(super) fn fail(&self, i: usize, problem: Problem) -> ReadError {
+    pub(super) fn fail(&self, i: usize, problem: ReadProblem) -> ReadError {
         let found = self.values.get(i).map(i64::to_string).unwrap_or_default();
         self.locate(i).fail(problem, found.as_bytes())
     }
@@ -108,7 +108,7 @@ impl<'a> Numbers<'a> {
 
 impl Cells<'_> {
     /// Place of a cell; this reads the section again.
-    pub(super) fn place(&self, (start, _): (usize, usize)) -> Place {
+    pub(super) fn place(&self, (start, _): (usize, usize)) -> FilePlace {
         self.numbers.locate(start).place()
     }
 
@@ -142,7 +142,7 @@ impl<'a> Reader<'a> {
             Ok(v) if (1.0..6.0).contains(&v) => {}
             _ => {
                 return Err(self.cursor.fail(
-                    Problem::Expected {
+                    ReadProblem::Expected {
                         what: "a version from 1.0 to 5.1",
                     },
                     first,
@@ -157,7 +157,7 @@ impl<'a> Reader<'a> {
             b"BINARY" => true,
             _ => {
                 return Err(self.cursor.fail(
-                    Problem::Expected {
+                    ReadProblem::Expected {
                         what: "ASCII or BINARY",
                     },
                     encoding,
@@ -167,7 +167,7 @@ impl<'a> Reader<'a> {
         let word = self.word("DATASET POLYDATA")?;
         if !word.eq_ignore_ascii_case(b"DATASET") {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "DATASET POLYDATA",
                 },
                 word,
@@ -177,7 +177,7 @@ impl<'a> Reader<'a> {
         let grid = kind.eq_ignore_ascii_case(b"UNSTRUCTURED_GRID");
         if !grid && !kind.eq_ignore_ascii_case(b"POLYDATA") {
             let what = "POLYDATA or UNSTRUCTURED_GRID: other data sets hold no surface";
-            return Err(self.cursor.fail(Problem::NoSurface { what }, kind));
+            return Err(self.cursor.fail(ReadProblem::NoSurface { what }, kind));
         }
         self.cursor.binary = binary;
         Ok(grid)
@@ -210,7 +210,7 @@ impl<'a> Reader<'a> {
                 b"CELL_TYPES" => {
                     let Some(cells) = cells.take() else {
                         return Err(self.cursor.fail(
-                            Problem::Expected {
+                            ReadProblem::Expected {
                                 what: "CELLS before CELL_TYPES",
                             },
                             word,
@@ -234,7 +234,7 @@ impl<'a> Reader<'a> {
         match cells {
             // Cells without types have no meaning.
             Some(_) => Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "CELL_TYPES behind CELLS",
                 },
                 b"",
@@ -257,14 +257,14 @@ impl<'a> Reader<'a> {
                 Ok(())
             }
             b"FIELD" => self.skip_field(),
-            _ => Err(self.cursor.fail(Problem::Expected { what }, word)),
+            _ => Err(self.cursor.fail(ReadProblem::Expected { what }, word)),
         }
     }
 
     fn word(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
         match self.cursor.token() {
             Some(word) => Ok(word),
-            None => Err(self.cursor.fail(Problem::Expected { what }, b"")),
+            None => Err(self.cursor.fail(ReadProblem::Expected { what }, b"")),
         }
     }
 
@@ -278,7 +278,7 @@ impl<'a> Reader<'a> {
         let word = self.word("a type such as float, double or int")?;
         let Some(kind) = Kind::parse(word) else {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "a type such as float, double or int",
                 },
                 word,
@@ -300,7 +300,7 @@ impl<'a> Reader<'a> {
                 b" " | b"\t" | b"\r" => {}
                 other => {
                     return Err(self.cursor.fail(
-                        Problem::Expected {
+                        ReadProblem::Expected {
                             what: "the end of the line",
                         },
                         other,
@@ -322,7 +322,7 @@ impl<'a> Reader<'a> {
         match usize::try_from(count) {
             Ok(n) if count <= possible => Ok(n),
             _ => Err(self.cursor.fail(
-                Problem::CountExceedsFile {
+                ReadProblem::CountExceedsFile {
                     declared: count,
                     possible,
                 },
@@ -374,7 +374,7 @@ impl<'a> Reader<'a> {
             // A number that needs 64 bits is no index and no count of this file.
             Kind::Unsigned(bytes) => Ok(i64::try_from(self.big_endian(bytes)?).unwrap_or(i64::MAX)),
             _ => Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "numbers of another type here",
                 },
                 b"",
@@ -408,7 +408,7 @@ impl<'a> Reader<'a> {
     /// Reads a section of cells and passes each to `add`.
     fn add(
         &mut self,
-        add: impl Fn(&mut Surface, &[u32], &dyn Fn() -> Place) -> Result<(), Problem>,
+        add: impl Fn(&mut Surface, &[u32], &dyn Fn() -> FilePlace) -> Result<(), ReadProblem>,
     ) -> Result<(), ReadError> {
         let cells = self.cells()?;
         let mut corners = Vec::new();
@@ -459,7 +459,7 @@ impl<'a> Reader<'a> {
                 .and_then(|n| (next + 1).checked_add(n))
                 .filter(|&end| end <= numbers.values.len());
             let Some(end) = end else {
-                let problem = Problem::Expected {
+                let problem = ReadProblem::Expected {
                     what: "the number of corners of a cell, within the declared size",
                 };
                 return Err(numbers.fail(next, problem));
@@ -468,7 +468,7 @@ impl<'a> Reader<'a> {
             next = end;
         }
         if next != numbers.values.len() {
-            let problem = Problem::SizeMismatch {
+            let problem = ReadProblem::SizeMismatch {
                 what: "the size of the cells",
                 declared: size,
                 used: next as u64,
@@ -487,7 +487,7 @@ impl<'a> Reader<'a> {
         let word = self.word("CONNECTIVITY")?;
         if !word.eq_ignore_ascii_case(b"CONNECTIVITY") {
             return Err(self.cursor.fail(
-                Problem::Expected {
+                ReadProblem::Expected {
                     what: "CONNECTIVITY",
                 },
                 word,
@@ -502,7 +502,7 @@ impl<'a> Reader<'a> {
                 .ok()
                 .filter(|&end| end >= start && end <= numbers.values.len());
             let Some(end) = end.filter(|&end| i > 0 || end == 0) else {
-                let problem = Problem::Expected {
+                let problem = ReadProblem::Expected {
                     what: "offsets that begin at 0, rise and stay within the size",
                 };
                 return Err(offsets.fail(i, problem));
@@ -513,7 +513,7 @@ impl<'a> Reader<'a> {
             start = end;
         }
         if start != numbers.values.len() {
-            let problem = Problem::SizeMismatch {
+            let problem = ReadProblem::SizeMismatch {
                 what: "the size of the cells",
                 declared: size,
                 used: start as u64,

@@ -10,7 +10,7 @@ use nalgebra::Point3;
 use crate::io::MeshFile;
 use crate::io::cursor::{Cursor, beyond_double, coordinate, count, finite, integer};
 use crate::io::encoded::{Compressor, Fault, Layout, Source};
-use crate::io::error::{Place, Problem, ReadError};
+use crate::io::error::{FilePlace, ReadError, ReadProblem};
 use crate::io::surface::Surface;
 use crate::io::xml::{Tag, Xml};
 pub(in crate::io) use data::point_data;
@@ -268,7 +268,7 @@ impl<'a> Reader<'a> {
         }
         if !ended {
             return Err(self.xml.fail(
-                Problem::Truncated {
+                ReadProblem::Truncated {
                     what: "the element PolyData",
                 },
                 b"",
@@ -278,13 +278,13 @@ impl<'a> Reader<'a> {
     }
 
     fn expected(&self, what: &'static str, found: &[u8]) -> ReadError {
-        self.xml.fail(Problem::Expected { what }, found)
+        self.xml.fail(ReadProblem::Expected { what }, found)
     }
 
     fn root(&mut self, tag: &Tag<'a>) -> Result<(), ReadError> {
         if tag.name != b"VTKFile" {
             return Err(self.xml.fail(
-                Problem::Unsupported {
+                ReadProblem::Unsupported {
                     what: "XML other than VTK's",
                 },
                 tag.name,
@@ -294,7 +294,7 @@ impl<'a> Reader<'a> {
         if kind != b"PolyData" {
             let what = "VTK XML of another type than PolyData";
             return Err(self.xml.fail(
-                Problem::Unsupported { what },
+                ReadProblem::Unsupported { what },
                 if kind.is_empty() { tag.name } else { kind },
             ));
         }
@@ -420,7 +420,7 @@ impl<'a> Reader<'a> {
         } else if let Some(declared @ 1..) = piece.point_count {
             let what = "the number of points";
             return Err(self.xml.fail(
-                Problem::SizeMismatch {
+                ReadProblem::SizeMismatch {
                     what,
                     declared,
                     used: 0,
@@ -449,7 +449,7 @@ impl<'a> Reader<'a> {
         let numbers = self.numbers(array, true)?;
         let used = (numbers.len() / 3) as u64;
         if numbers.len() % 3 != 0 || declared.is_some_and(|declared| declared != used) {
-            let problem = Problem::SizeMismatch {
+            let problem = ReadProblem::SizeMismatch {
                 what: "the number of points",
                 declared: declared.unwrap_or(used + 1),
                 used,
@@ -481,7 +481,7 @@ impl<'a> Reader<'a> {
     ) -> Result<(), ReadError> {
         let (corners, ends) = (self.numbers(corners, false)?, self.numbers(ends, false)?);
         if let Some(declared) = declared.filter(|&n| n != ends.len() as u64) {
-            let problem = Problem::SizeMismatch {
+            let problem = ReadProblem::SizeMismatch {
                 what: "the number of cells",
                 declared,
                 used: ends.len() as u64,
@@ -496,7 +496,7 @@ impl<'a> Reader<'a> {
                 .ok()
                 .filter(|&end| end >= start && end <= corners.len());
             let Some(end) = end else {
-                let problem = Problem::Expected {
+                let problem = ReadProblem::Expected {
                     what: "offsets that rise and stay within the connectivity",
                 };
                 return Err(self.fail_in(&ends, problem, ends.whole(i).to_string().as_bytes()));
@@ -506,7 +506,7 @@ impl<'a> Reader<'a> {
             for k in start..end {
                 let index = corners.whole(k);
                 if !usize::try_from(index).is_ok_and(|i| i < count) {
-                    let problem = Problem::IndexOutOfRange {
+                    let problem = ReadProblem::IndexOutOfRange {
                         index,
                         count,
                         from_one: false,
@@ -527,7 +527,7 @@ impl<'a> Reader<'a> {
         }
         if start != corners.len() {
             let (what, declared) = ("the connectivity of the cells", corners.len() as u64);
-            let problem = Problem::SizeMismatch {
+            let problem = ReadProblem::SizeMismatch {
                 what,
                 declared,
                 used: start as u64,
@@ -537,7 +537,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn fail_in(&self, numbers: &Numbers<'_>, problem: Problem, found: &[u8]) -> ReadError {
+    fn fail_in(&self, numbers: &Numbers<'_>, problem: ReadProblem, found: &[u8]) -> ReadError {
         self.xml
             .cursor
             .fail_at_offset(numbers.place, numbers.text, problem, found)
@@ -562,7 +562,7 @@ impl<'a> Reader<'a> {
                 let data = usize::try_from(offset)
                     .ok()
                     .and_then(|offset| data.get(offset..));
-                let problem = Problem::Expected {
+                let problem = ReadProblem::Expected {
                     what: "an offset within the appended data",
                 };
                 (
@@ -582,7 +582,7 @@ impl<'a> Reader<'a> {
             .map_err(|fault| self.fault(fault, place))?;
         self.layout.limit = self.layout.limit.saturating_sub(bytes.len() as u64);
         let Some(left) = self.encoded_left.checked_sub(source.used()) else {
-            let problem = Problem::Expected {
+            let problem = ReadProblem::Expected {
                 what: "arrays that share no bytes",
             };
             return Err(self.xml.fail(problem, array.tag));
@@ -590,12 +590,15 @@ impl<'a> Reader<'a> {
         self.encoded_left = left;
         if bytes.len() % array.kind.bytes() != 0 {
             let (declared, used) = (bytes.len() as u64, array.kind.bytes() as u64);
-            let problem = Problem::SizeMismatch {
+            let problem = ReadProblem::SizeMismatch {
                 what: "bytes of an array and of its type",
                 declared,
                 used,
             };
-            return Err(self.xml.cursor.fail_at(Place::Offset(place), problem, b""));
+            return Err(self
+                .xml
+                .cursor
+                .fail_at(FilePlace::Offset(place), problem, b""));
         }
         let values = Values::Bytes {
             bytes,
@@ -652,17 +655,19 @@ impl<'a> Reader<'a> {
 
     fn fault(&self, fault: Fault, place: usize) -> ReadError {
         let problem = match fault {
-            Fault::Short => Problem::Truncated { what: "an array" },
-            Fault::Expected(what) => Problem::Expected { what },
+            Fault::Short => ReadProblem::Truncated { what: "an array" },
+            Fault::Expected(what) => ReadProblem::Expected { what },
             Fault::TooMany { declared, possible } => {
-                Problem::CountExceedsFile { declared, possible }
+                ReadProblem::CountExceedsFile { declared, possible }
             }
-            Fault::TooLarge { bytes } => Problem::TooLarge {
+            Fault::TooLarge { bytes } => ReadProblem::TooLarge {
                 bytes,
                 limit: self.layout.limit,
             },
         };
-        self.xml.cursor.fail_at(Place::Offset(place), problem, b"")
+        self.xml
+            .cursor
+            .fail_at(FilePlace::Offset(place), problem, b"")
     }
 }
 

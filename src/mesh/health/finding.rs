@@ -9,7 +9,7 @@ use crate::mesh::TriangleMesh;
 /// Kinds of defects. `E`: a simulation rejects the surface; `W`: a warning only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
-pub enum Kind {
+pub enum FindingKind {
     /// No triangle at all.
     NoTriangles,
     /// An edge with more than two triangles.
@@ -38,7 +38,7 @@ pub enum Kind {
     SeveralComponents,
 }
 
-impl Kind {
+impl FindingKind {
     /// All kinds, in the order of the report.
     pub const ALL: [Self; 13] = [
         Self::NoTriangles,
@@ -137,7 +137,7 @@ impl fmt::Display for Repair {
 }
 
 #[cfg(feature = "serde")]
-impl serde::Serialize for Kind {
+impl serde::Serialize for FindingKind {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.code())
     }
@@ -146,7 +146,7 @@ impl serde::Serialize for Kind {
 /// Place of the first occurrence; indices start at 0 in the order of the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Place {
+pub struct FindingPlace {
     /// Vertices.
     pub vertices: Vec<u32>,
     /// Triangles.
@@ -161,13 +161,13 @@ pub struct Place {
 pub struct Finding {
     /// Kind of the defect.
     #[cfg_attr(feature = "serde", serde(rename = "code"))]
-    pub kind: Kind,
+    pub kind: FindingKind,
     /// Number of occurrences.
     pub count: usize,
     /// Description with the place of the first occurrence.
     pub message: String,
     /// Place of the first occurrence.
-    pub place: Place,
+    pub place: FindingPlace,
 }
 
 /// Greatest number of indices in a message.
@@ -202,7 +202,7 @@ impl Found<'_> {
     /// Adds a finding if the count is positive; the message is `what`, then the place.
     fn add(
         &mut self,
-        kind: Kind,
+        kind: FindingKind,
         count: usize,
         what: String,
         vertices: Vec<u32>,
@@ -224,7 +224,7 @@ impl Found<'_> {
             kind,
             count,
             message,
-            place: Place {
+            place: FindingPlace {
                 vertices,
                 triangles,
                 point,
@@ -233,7 +233,7 @@ impl Found<'_> {
     }
 
     /// Adds a finding about edges.
-    fn edges(&mut self, kind: Kind, parts: &Parts, edges: &[u32], what: &str) {
+    fn edges(&mut self, kind: FindingKind, parts: &Parts, edges: &[u32], what: &str) {
         let Some(&edge) = edges.first() else { return };
         let [a, b] = parts.topology.edges[edge as usize];
         let triangles = parts.topology.triangles_of_edge(edge as usize).to_vec();
@@ -246,7 +246,7 @@ impl Found<'_> {
     }
 
     /// Adds a finding about triangles.
-    fn triangles(&mut self, kind: Kind, triangles: &[u32], what: &str) {
+    fn triangles(&mut self, kind: FindingKind, triangles: &[u32], what: &str) {
         let many = counted(triangles.len(), "triangle", "triangles");
         let first: Vec<u32> = triangles.iter().take(1).copied().collect();
         self.add(
@@ -259,7 +259,7 @@ impl Found<'_> {
     }
 
     /// Adds a finding about vertices.
-    fn vertices(&mut self, kind: Kind, vertices: &[u32], what: &str) {
+    fn vertices(&mut self, kind: FindingKind, vertices: &[u32], what: &str) {
         let many = counted(vertices.len(), "vertex", "vertices");
         let first: Vec<u32> = vertices.iter().take(1).copied().collect();
         self.add(
@@ -272,7 +272,7 @@ impl Found<'_> {
     }
 }
 
-/// All defects, in the order of [`Kind::ALL`].
+/// All defects, in the order of [`FindingKind::ALL`].
 pub(super) fn all(parts: &Parts, mesh: &TriangleMesh, health: &Health) -> Vec<Finding> {
     let mut found = Found {
         mesh,
@@ -280,7 +280,7 @@ pub(super) fn all(parts: &Parts, mesh: &TriangleMesh, health: &Health) -> Vec<Fi
     };
     let none = usize::from(mesh.triangles.is_empty());
     found.add(
-        Kind::NoTriangles,
+        FindingKind::NoTriangles,
         none,
         "there are no triangles".into(),
         Vec::new(),
@@ -288,7 +288,7 @@ pub(super) fn all(parts: &Parts, mesh: &TriangleMesh, health: &Health) -> Vec<Fi
     );
     let topology = &parts.topology;
     found.edges(
-        Kind::NonManifoldEdge,
+        FindingKind::NonManifoldEdge,
         parts,
         &topology.non_manifold_edges(),
         "with more than two triangles",
@@ -302,34 +302,38 @@ pub(super) fn all(parts: &Parts, mesh: &TriangleMesh, health: &Health) -> Vec<Fi
         .flat_map(|g| g[1..].iter().copied())
         .collect();
     found.triangles(
-        Kind::DuplicateTriangles,
+        FindingKind::DuplicateTriangles,
         &extra,
         "with the same corners as another",
     );
     found.vertices(
-        Kind::UnusedVertices,
+        FindingKind::UnusedVertices,
         &parts.unused,
         "that no triangle names",
     );
     let twice = |v: &u32| parts.first_in_place[*v as usize] != *v;
     let doubled: Vec<u32> = (0..mesh.vertices.len() as u32).filter(twice).collect();
-    found.vertices(Kind::DuplicateVertices, &doubled, "in the place of another");
+    found.vertices(
+        FindingKind::DuplicateVertices,
+        &doubled,
+        "in the place of another",
+    );
     crossing(&mut found, parts);
     found.triangles(
-        Kind::Slivers,
+        FindingKind::Slivers,
         &parts.slivers,
         "with an angle below 1 degree",
     );
-    found.triangles(Kind::ZeroArea, &parts.zero_area, "without area");
+    found.triangles(FindingKind::ZeroArea, &parts.zero_area, "without area");
     found.vertices(
-        Kind::NonManifoldVertex,
+        FindingKind::NonManifoldVertex,
         &parts.non_manifold_vertices,
         "in which surfaces touch",
     );
     if health.components > 1 {
         let what = format!("{} separate pieces", health.components);
         found.add(
-            Kind::SeveralComponents,
+            FindingKind::SeveralComponents,
             health.components,
             what,
             Vec::new(),
@@ -347,7 +351,7 @@ fn orientation(found: &mut Found<'_>, parts: &Parts) {
         None => format!("run the same way by both triangles, {turned} to be turned round"),
     };
     found.edges(
-        Kind::InconsistentOrientation,
+        FindingKind::InconsistentOrientation,
         parts,
         &parts.inconsistent,
         &what,
@@ -371,7 +375,7 @@ fn rims(found: &mut Found<'_>, parts: &Parts) {
         first.vertices[0],
     );
     found.add(
-        Kind::OpenBoundary,
+        FindingKind::OpenBoundary,
         edges,
         what,
         first.vertices.iter().take(SHOWN).copied().collect(),
@@ -389,7 +393,7 @@ fn inside_out(found: &mut Found<'_>, parts: &Parts, health: &Health) {
             }
             _ => "it encloses no volume".to_owned(),
         };
-        found.add(Kind::InsideOut, 1, what, Vec::new(), Vec::new());
+        found.add(FindingKind::InsideOut, 1, what, Vec::new(), Vec::new());
     }
 }
 
@@ -407,7 +411,7 @@ fn crossing(found: &mut Found<'_>, parts: &Parts) {
         Some(&[s, t]) => {
             let what = format!("{least}{many} where not joined; the first: {s} and {t}");
             found.add(
-                Kind::SelfIntersection,
+                FindingKind::SelfIntersection,
                 crossings.count,
                 what,
                 Vec::new(),
@@ -415,7 +419,7 @@ fn crossing(found: &mut Found<'_>, parts: &Parts) {
             );
         }
         None if !crossings.complete => found.add(
-            Kind::SelfIntersection,
+            FindingKind::SelfIntersection,
             1,
             unfinished,
             Vec::new(),

@@ -4,11 +4,11 @@
 //! decide whether a triangle has area and whether two triangles intersect, so no tolerance and no
 //! unit enters. Only slivers have a threshold, an angle.
 
-pub mod crossings;
+pub(crate) mod crossings;
 mod finding;
 
 pub use crossings::{Crossings, crossings};
-pub use finding::{Finding, Kind, Place, Repair};
+pub use finding::{Finding, FindingKind, FindingPlace, Repair};
 use nalgebra::Point3;
 
 use super::boundary::{Rim, rims};

@@ -162,11 +162,11 @@ fn a_vertex_far_away_has_no_say() {
 
 #[test]
 fn codes_are_told_apart() {
-    let mut codes: Vec<_> = Kind::ALL.iter().map(|k| k.code()).collect();
+    let mut codes: Vec<_> = FindingKind::ALL.iter().map(|k| k.code()).collect();
     codes.sort_unstable();
     codes.dedup();
-    assert_eq!(codes.len(), Kind::ALL.len());
-    assert!(Kind::ALL.windows(2).all(|w| w[0] < w[1]));
+    assert_eq!(codes.len(), FindingKind::ALL.len());
+    assert!(FindingKind::ALL.windows(2).all(|w| w[0] < w[1]));
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn a_heap_of_triangles_is_not_searched_for_ever() {
     let said = health
         .findings
         .iter()
-        .find(|f| f.kind == Kind::SelfIntersection)
+        .find(|f| f.kind == FindingKind::SelfIntersection)
         .expect("crossings");
     assert!(said.message.starts_with("at least "), "{}", said.message);
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::Point3;
 
 use super::working::Working;
-use super::{Step, topology};
+use super::{RepairStep, topology};
 use crate::format::counted;
 use crate::mesh::boundary::rims;
 use crate::mesh::predicates::is_flat;
@@ -65,7 +65,7 @@ pub(super) fn close(working: &mut Working, longest: usize) {
         );
         format!("closed {holes} with {triangles}")
     };
-    working.note(Step::ClosedHoles, closed, message, around);
+    working.note(RepairStep::ClosedHoles, closed, message, around);
 }
 
 /// Vertices with more open edges are not searched for gaps, as the time is quadratic.
@@ -135,7 +135,7 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
             counted(count, "gap", "gaps")
         )
     };
-    working.note(Step::ClosedHoles, count, message, around);
+    working.note(RepairStep::ClosedHoles, count, message, around);
 }
 
 /// Cost of a part of a cover: first the number of triangles without area, then the area.

@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::working::Working;
-use super::{Step, topology};
+use super::{RepairStep, topology};
 use crate::format::counted;
 use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
@@ -62,7 +62,7 @@ pub(super) fn cut(working: &mut Working) {
         )
     };
     working.note(
-        Step::CutZeroArea,
+        RepairStep::CutZeroArea,
         count,
         message,
         cut.into_iter().flatten().collect(),

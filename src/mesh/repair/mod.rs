@@ -23,7 +23,7 @@ pub const LONGEST_RIM: usize = 500;
 
 /// Optional changes that move or drop parts of the surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Options {
+pub struct RepairOptions {
     /// Boundary vertices at most this far apart are merged [unit of the coordinates]; 0 merges
     /// coincident vertices only.
     pub merge_within: f64,
@@ -37,9 +37,9 @@ pub struct Options {
 /// A change of a repair.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Change {
+pub struct RepairChange {
     /// The step of the repair.
-    pub step: Step,
+    pub step: RepairStep,
     /// Number of changed elements.
     pub count: usize,
     /// Description.
@@ -52,7 +52,7 @@ pub struct Change {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
-pub enum Step {
+pub enum RepairStep {
     /// Boundary vertices merged with another vertex.
     MergedVertices,
     /// Dropped triangles with the same corners as another one.
@@ -79,7 +79,7 @@ pub struct Repaired {
     /// The polylines, with the new indices.
     pub lines: Vec<Vec<u32>>,
     /// Changes in order; empty for a mesh without defects, whose bits are unchanged.
-    pub changes: Vec<Change>,
+    pub changes: Vec<RepairChange>,
     /// Greatest displacement of a vertex [unit of the coordinates].
     pub moved: f64,
 }
@@ -89,21 +89,21 @@ pub struct Repaired {
 ///
 /// ```
 /// use pliant::Health;
-/// use pliant::mesh::repair::{Options, Step, repair};
+/// use pliant::mesh::{RepairOptions, RepairStep, repair};
 /// use pliant::mesh::shapes::box_surface;
 ///
 /// let mut mesh = box_surface([1.0, 1.0, 1.0], 1.0);
 /// mesh.triangles.pop();
 /// mesh.triangles[0].reverse();
 ///
-/// let options = Options { close_holes: 3, ..Options::default() };
+/// let options = RepairOptions { close_holes: 3, ..RepairOptions::default() };
 /// let repaired = repair(&mesh, &[], &options);
-/// let steps: Vec<Step> = repaired.changes.iter().map(|change| change.step).collect();
-/// assert_eq!(steps, [Step::ClosedHoles, Step::TurnedTriangles]);
+/// let steps: Vec<RepairStep> = repaired.changes.iter().map(|change| change.step).collect();
+/// assert_eq!(steps, [RepairStep::ClosedHoles, RepairStep::TurnedTriangles]);
 /// assert!(Health::of(&repaired.mesh).is_fit());
 /// assert_eq!(repaired.mesh.volume(), 1.0);
 /// ```
-pub fn repair(mesh: &TriangleMesh, lines: &[Vec<u32>], options: &Options) -> Repaired {
+pub fn repair(mesh: &TriangleMesh, lines: &[Vec<u32>], options: &RepairOptions) -> Repaired {
     let mut working = Working::new(mesh, lines);
     // A duplicate triangle hides a boundary, and coincident boundaries hide duplicates.
     working.drop_duplicates();

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 
 use super::working::Working;
-use super::{Step, topology};
+use super::{RepairStep, topology};
 use crate::format::counted;
 use crate::mesh::inside::Inside;
 use crate::mesh::orientation::Orientation;
@@ -121,5 +121,10 @@ pub(super) fn turn(working: &mut Working) {
             counted(changed.len(), "triangle", "triangles")
         )
     };
-    working.note(Step::TurnedTriangles, changed.len(), message, elements);
+    working.note(
+        RepairStep::TurnedTriangles,
+        changed.len(),
+        message,
+        elements,
+    );
 }

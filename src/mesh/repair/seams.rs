@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 
 use super::working::Working;
-use super::{Step, topology};
+use super::{RepairStep, topology};
 use crate::format::counted;
 use crate::mesh::measures::max_or_nan;
 
@@ -85,7 +85,12 @@ pub(super) fn merge(working: &mut Working, within: f64) {
         };
         format!("merged {many} on rims with another {near}{far}")
     };
-    working.note(Step::MergedVertices, merged.len(), message, merged.clone());
+    working.note(
+        RepairStep::MergedVertices,
+        merged.len(),
+        message,
+        merged.clone(),
+    );
 }
 
 /// A greater cell number means cells smaller than the spacing of doubles.

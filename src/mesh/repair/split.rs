@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Point3, Vector3};
 
 use super::working::Working;
-use super::{Step, topology};
+use super::{RepairStep, topology};
 use crate::format::counted;
 use crate::mesh::measures::triangle_areas;
 use crate::mesh::orientation::Orientation;
@@ -72,7 +72,7 @@ pub(super) fn split(working: &mut Working) {
         };
         format!("added {added} where surfaces touch{at}")
     };
-    working.note(Step::SplitVertices, count, message, copied);
+    working.note(RepairStep::SplitVertices, count, message, copied);
 }
 
 /// The triangles of patches that are separated before the rest is paired: those with their own

@@ -1,17 +1,17 @@
 use super::*;
 use crate::mesh::Health;
-use crate::mesh::health::Kind;
+use crate::mesh::health::FindingKind;
 use crate::mesh::shapes::{box_surface, icosphere};
 use crate::testing::Draw;
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 
-fn steps(repaired: &Repaired) -> Vec<Step> {
+fn steps(repaired: &Repaired) -> Vec<RepairStep> {
     repaired.changes.iter().map(|c| c.step).collect()
 }
 
 fn plain(mesh: &TriangleMesh) -> Repaired {
-    repair(mesh, &[], &Options::default())
+    repair(mesh, &[], &RepairOptions::default())
 }
 
 fn append(mesh: &mut TriangleMesh, other: &TriangleMesh, by: Vector3<f64>) {
@@ -40,10 +40,10 @@ fn a_sound_surface_keeps_its_bits() {
         let repaired = repair(
             &mesh,
             &[vec![0, 1]],
-            &Options {
+            &RepairOptions {
                 close_holes: 99,
                 keep_largest: true,
-                ..Options::default()
+                ..RepairOptions::default()
             },
         );
         assert_eq!(
@@ -68,7 +68,7 @@ fn seams_are_joined() {
     let repaired = plain(&soup);
     assert_eq!(
         steps(&repaired),
-        [Step::MergedVertices, Step::DroppedVertices]
+        [RepairStep::MergedVertices, RepairStep::DroppedVertices]
     );
     assert_eq!(
         (repaired.mesh.vertices.len(), repaired.moved),
@@ -90,9 +90,9 @@ fn seams_are_joined() {
     let repaired = repair(
         &apart,
         &[],
-        &Options {
+        &RepairOptions {
             merge_within: 3e-4,
-            ..Options::default()
+            ..RepairOptions::default()
         },
     );
     assert!(Health::of(&repaired.mesh).is_fit());
@@ -147,9 +147,9 @@ fn a_fin_and_a_wall_come_off() {
     let repaired = repair(
         &finned,
         &[],
-        &Options {
+        &RepairOptions {
             keep_largest: true,
-            ..Options::default()
+            ..RepairOptions::default()
         },
     );
     assert_eq!(
@@ -192,9 +192,9 @@ fn a_fin_and_a_wall_come_off() {
     let repaired = repair(
         &once,
         &[],
-        &Options {
+        &RepairOptions {
             keep_largest: true,
-            ..Options::default()
+            ..RepairOptions::default()
         },
     );
     let health = Health::of(&repaired.mesh);
@@ -264,9 +264,9 @@ fn holes_are_closed_by_choice() {
         repair(
             &mesh,
             &[],
-            &Options {
+            &RepairOptions {
                 close_holes,
-                ..Options::default()
+                ..RepairOptions::default()
             },
         )
     };
@@ -395,9 +395,9 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
     let mended = repair(
         &mesh,
         &[],
-        &Options {
+        &RepairOptions {
             close_holes: 3,
-            ..Options::default()
+            ..RepairOptions::default()
         },
     );
     assert!(
@@ -430,10 +430,10 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
             .iter()
             .map(|c| (c.step, c.count))
             .collect::<Vec<_>>(),
-        [(Step::ClosedHoles, 3)]
+        [(RepairStep::ClosedHoles, 3)]
     );
     // Without closing holes, the repair removes the triangle.
-    let apart = repair(&mesh, &[], &Options::default());
+    let apart = repair(&mesh, &[], &RepairOptions::default());
     assert_eq!(Health::of(&apart.mesh).components, 2);
 }
 
@@ -451,9 +451,9 @@ fn a_loose_triangle_is_no_hole() {
     let repaired = repair(
         &mesh,
         &[],
-        &Options {
+        &RepairOptions {
             close_holes: 9,
-            ..Options::default()
+            ..RepairOptions::default()
         },
     );
     assert!(!Health::of(&repaired.mesh).is_fit());
@@ -510,9 +510,9 @@ fn heaps_end() {
         let repaired = repair(
             &mesh,
             &[],
-            &Options {
+            &RepairOptions {
                 close_holes: 8,
-                ..Options::default()
+                ..RepairOptions::default()
             },
         );
         assert_eq!(
@@ -552,7 +552,7 @@ proptest! {
         let mut corner = || draw.index(corners) as u32;
         let triangles: Vec<[u32; 3]> = (0..count).map(|_| [corner(), corner(), corner()]).filter(|[a, b, c]| a != b && b != c && c != a).collect();
         let mesh = TriangleMesh { vertices, triangles };
-        let options = Options { close_holes: holes, ..Options::default() };
+        let options = RepairOptions { close_holes: holes, ..RepairOptions::default() };
         let repaired = repair(&mesh, &[], &options);
         assert_repaired(&mesh, &repaired);
     }
@@ -590,7 +590,7 @@ proptest! {
         let health = Health::of(&repaired.mesh);
         prop_assert!(health.is_fit(), "{:?}\n{:?}", health.findings, repaired.changes);
         prop_assert!((health.volume - sound.volume()).abs() <= 1e-13);
-        prop_assert!(health.findings.iter().all(|f| matches!(f.kind, Kind::DuplicateVertices)), "{:?}", health.findings);
+        prop_assert!(health.findings.iter().all(|f| matches!(f.kind, FindingKind::DuplicateVertices)), "{:?}", health.findings);
         let again = plain(&repaired.mesh);
         prop_assert!(again.changes.is_empty() && again.mesh == repaired.mesh);
     }

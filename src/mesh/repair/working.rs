@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::{Change, Repaired, Step};
+use super::{RepairChange, RepairStep, Repaired};
 use crate::format::counted;
 use crate::mesh::TriangleMesh;
 use crate::mesh::coincident::{first_in_place, same_corners};
@@ -18,7 +18,7 @@ pub(super) struct Working {
     pub vertex_origin: Vec<u32>,
     /// The original triangle of each triangle; `None` for one that closes a hole.
     pub triangle_origin: Vec<Option<u32>>,
-    pub changes: Vec<Change>,
+    pub changes: Vec<RepairChange>,
     /// Greatest displacement of a vertex.
     pub moved: f64,
 }
@@ -39,7 +39,7 @@ impl Working {
     /// Records a change if it affects any element.
     pub fn note(
         &mut self,
-        step: Step,
+        step: RepairStep,
         count: usize,
         message: impl FnOnce() -> String,
         mut elements: Vec<u32>,
@@ -47,7 +47,7 @@ impl Working {
         if count > 0 {
             elements.sort_unstable();
             elements.dedup();
-            self.changes.push(Change {
+            self.changes.push(RepairChange {
                 step,
                 count,
                 message: message(),
@@ -126,7 +126,7 @@ impl Working {
             )
         };
         self.note(
-            Step::DroppedDuplicateTriangles,
+            RepairStep::DroppedDuplicateTriangles,
             dropped.len(),
             message,
             dropped.clone(),
@@ -162,7 +162,12 @@ impl Working {
             };
             format!("dropped {pieces} of {triangles}{area}")
         };
-        self.note(Step::DroppedPieces, dropped.len(), message, dropped.clone());
+        self.note(
+            RepairStep::DroppedPieces,
+            dropped.len(),
+            message,
+            dropped.clone(),
+        );
     }
 
     /// Drops vertices without a triangle or line. Returns the result.
@@ -202,7 +207,7 @@ impl Working {
             )
         };
         self.note(
-            Step::DroppedVertices,
+            RepairStep::DroppedVertices,
             dropped.len(),
             message,
             dropped.clone(),

@@ -5,7 +5,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::Shape;
+use super::GeneratedShape;
 use super::field::{capsule, join, meet, mm, plate, sphere};
 use crate::mesh::isosurface::draw_onto_zero;
 use crate::mesh::{TriangleMesh, isosurface, refine};
@@ -267,7 +267,7 @@ fn gap(place: f64) -> f64 {
 }
 
 /// The strap from the back of the wing, over the trochanter, to the back of the shaft, with its fibres.
-pub(super) fn gluteus() -> Shape {
+pub(super) fn gluteus() -> GeneratedShape {
     let strap = Strap::new();
     let field = |p: Point3<f64>| strap.field(p);
     let surface = isosurface(
@@ -291,7 +291,7 @@ pub(super) fn gluteus() -> Shape {
             );
         }
     }
-    Shape {
+    GeneratedShape {
         mesh,
         edges: Vec::new(),
         fibres,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Point3, Vector3};
 
-use super::Shape;
+use super::GeneratedShape;
 use crate::mesh::TriangleMesh;
 
 /// The regular tetrahedron of circumradius 1 m around the origin, corner 3 on the z axis.
@@ -22,12 +22,12 @@ pub fn tetrahedron() -> TriangleMesh {
 }
 
 /// `count` points on the x axis, 1 m apart, joined by edges.
-pub(super) fn chain(count: u32) -> Shape {
+pub(super) fn chain(count: u32) -> GeneratedShape {
     let vertices = (0..count)
         .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
         .collect();
     let edges = (1..count).map(|i| [i - 1, i]).collect();
-    Shape {
+    GeneratedShape {
         mesh: TriangleMesh {
             vertices,
             triangles: Vec::new(),

@@ -19,7 +19,7 @@ use super::sphere::{SphereError, SphereMap, turn};
 
 /// Origin of a vertex of the merged surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Origin {
+pub enum OverlayOrigin {
     /// A vertex of the first surface, in a triangle of the second.
     First {
         /// The vertex.
@@ -51,7 +51,7 @@ pub enum Origin {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Overlay {
     /// Origin of each vertex: those of the first surface, those of the second, crossings.
-    pub origins: Vec<Origin>,
+    pub origins: Vec<OverlayOrigin>,
     /// Triangles over these vertices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
     /// Numbers of vertices of the first and of the second surface.
@@ -145,10 +145,10 @@ impl Overlay {
         triangles: &[[u32; 3]],
     ) -> Result<Vec<Point3<f64>>, OverlayError> {
         self.check(places, 0)?;
-        let place = |origin: &Origin| match *origin {
-            Origin::First { vertex, .. } => places[vertex as usize],
-            Origin::Second { on, .. } => on.of(triangles, places),
-            Origin::Crossing {
+        let place = |origin: &OverlayOrigin| match *origin {
+            OverlayOrigin::First { vertex, .. } => places[vertex as usize],
+            OverlayOrigin::Second { on, .. } => on.of(triangles, places),
+            OverlayOrigin::Crossing {
                 first, along_first, ..
             } => between(places, first, along_first),
         };
@@ -165,10 +165,10 @@ impl Overlay {
         triangles: &[[u32; 3]],
     ) -> Result<Vec<Point3<f64>>, OverlayError> {
         self.check(places, 1)?;
-        let place = |origin: &Origin| match *origin {
-            Origin::First { on, .. } => on.of(triangles, places),
-            Origin::Second { vertex, .. } => places[vertex as usize],
-            Origin::Crossing {
+        let place = |origin: &OverlayOrigin| match *origin {
+            OverlayOrigin::First { on, .. } => on.of(triangles, places),
+            OverlayOrigin::Second { vertex, .. } => places[vertex as usize],
+            OverlayOrigin::Crossing {
                 second,
                 along_second,
                 ..
@@ -227,7 +227,7 @@ fn overlay_map(
     Ok(OverlaidMap { on, crossed })
 }
 
-type Pieces = (Vec<Origin>, Vec<[u32; 3]>);
+type Pieces = (Vec<OverlayOrigin>, Vec<[u32; 3]>);
 
 fn overlay_maps(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly> {
     let grounds = [Ground::new(first), Ground::new(second)];
@@ -237,13 +237,14 @@ fn overlay_maps(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly
         overlay_map(second, edges[1], &grounds[0])?,
     ];
     let crossings = faces::Crossings::new(&overlaid)?;
-    let mut origins: Vec<Origin> = Vec::with_capacity(first.points().len() + second.points().len());
+    let mut origins: Vec<OverlayOrigin> =
+        Vec::with_capacity(first.points().len() + second.points().len());
     origins.extend(
         overlaid[0]
             .on
             .iter()
             .enumerate()
-            .map(|(v, &on)| Origin::First {
+            .map(|(v, &on)| OverlayOrigin::First {
                 vertex: v as u32,
                 on,
             }),
@@ -253,7 +254,7 @@ fn overlay_maps(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly
             .on
             .iter()
             .enumerate()
-            .map(|(v, &on)| Origin::Second {
+            .map(|(v, &on)| OverlayOrigin::Second {
                 vertex: v as u32,
                 on,
             }),
@@ -265,7 +266,7 @@ fn overlay_maps(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly
             others.map(|v| &second.points()[v as usize]),
         );
         let (along_first, along_second) = (part(p, q), part(q, p));
-        origins.push(Origin::Crossing {
+        origins.push(OverlayOrigin::Crossing {
             first: ends,
             along_first,
             second: others,

@@ -6,7 +6,7 @@ use super::super::align::rotation_of;
 
 /// Degrees of freedom of a registration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Motion {
+pub enum FitMotion {
     /// Rotation and translation.
     #[default]
     Rigid,
@@ -20,7 +20,7 @@ pub fn fit(
     from: &[Point3<f64>],
     to: &[Point3<f64>],
     weights: &[f64],
-    motion: Motion,
+    motion: FitMotion,
 ) -> Option<Similarity3<f64>> {
     let total: f64 = weights.iter().sum();
     if !(total > 0.0 && total.is_finite()) {
@@ -47,8 +47,8 @@ pub fn fit(
     }
     let rotation = rotation_of(&product);
     let scale = match motion {
-        Motion::Rigid => 1.0,
-        Motion::Similarity => {
+        FitMotion::Rigid => 1.0,
+        FitMotion::Similarity => {
             (rotation.to_rotation_matrix().matrix().transpose() * product).trace() / square
         }
     };

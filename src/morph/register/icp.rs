@@ -4,8 +4,8 @@
 use crate::mesh::measures::max_or_nan;
 use nalgebra::{Point3, Similarity3, Vector3};
 
-use super::fit::{Motion, fit};
-use super::{RegisterError, Surface};
+use super::fit::{FitMotion, fit};
+use super::{RegisterError, RegistrationSurface};
 
 /// Selection of vertices of the moving surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,7 +55,7 @@ pub enum Measure {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Icp {
     /// Whether size may change.
-    pub motion: Motion,
+    pub motion: FitMotion,
     /// Stage 1.
     pub select: Select,
     /// Stage 3; stage 2 is the closest point of the surface.
@@ -74,7 +74,7 @@ pub struct Icp {
 impl Default for Icp {
     fn default() -> Self {
         Self {
-            motion: Motion::Rigid,
+            motion: FitMotion::Rigid,
             select: Select::All,
             weigh: PairWeight::Even,
             reject: Reject::Median(3.0),
@@ -122,8 +122,8 @@ impl Icp {
     /// Too few pairs remain, or they determine no motion.
     pub fn run(
         &self,
-        moving: &Surface<'_>,
-        fixed: &Surface<'_>,
+        moving: &RegistrationSurface<'_>,
+        fixed: &RegistrationSurface<'_>,
         start: &Similarity3<f64>,
     ) -> Result<Registered, RegisterError> {
         let chosen: Vec<u32> = match self.select {
@@ -183,8 +183,8 @@ impl Icp {
 
     fn matched(
         &self,
-        moving: &Surface<'_>,
-        fixed: &Surface<'_>,
+        moving: &RegistrationSurface<'_>,
+        fixed: &RegistrationSurface<'_>,
         chosen: &[u32],
         motion: &Similarity3<f64>,
     ) -> Vec<Pair> {
@@ -270,7 +270,7 @@ impl Icp {
             // In units of the size, so that all seven unknowns have similar magnitudes.
             let (arm, n) = ((p.from.coords - middle) / size, p.normal);
             let turn = arm.cross(&n);
-            let swell = if self.motion == Motion::Similarity {
+            let swell = if self.motion == FitMotion::Similarity {
                 arm.dot(&n)
             } else {
                 0.0
@@ -281,7 +281,7 @@ impl Icp {
             matrix += row * row.transpose() * *w;
             rhs -= row * ((p.from - p.to).dot(&n) / size * w);
         }
-        if self.motion == Motion::Rigid {
+        if self.motion == FitMotion::Rigid {
             matrix[(6, 6)] = total;
         }
         let eigen = matrix.symmetric_eigen();

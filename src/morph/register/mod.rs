@@ -1,20 +1,24 @@
 //! Registration of one surface to another: a motion from a RANSAC start, refined by iterated
 //! closest points, and an optional deformation.
 
-pub mod fit;
-pub mod icp;
-pub mod nonrigid;
+pub(crate) mod fit;
+pub(crate) mod icp;
+pub(crate) mod nonrigid;
 mod outliers;
-pub mod ransac;
-pub mod whole;
+pub(crate) mod ransac;
+pub(crate) mod whole;
+
+pub use fit::draws_needed;
+pub use icp::{Measure, PairWeight, Reject, Select};
+pub use whole::{RegistrationResidual, RegistrationTimes};
 
 use nalgebra::{Point3, Vector3};
 
-pub use fit::{Motion, fit};
+pub use fit::{FitMotion, fit};
 pub use icp::{Icp, Registered};
 pub use nonrigid::{Bent, NonRigid};
 pub use ransac::{InitialAlignment, Ransac};
-pub use whole::{Settings, SurfaceRegistration, register_surfaces};
+pub use whole::{RegistrationSettings, SurfaceRegistration, register_surfaces};
 
 use crate::mesh::closest::{SurfaceTree, TriangleProjection};
 use crate::mesh::{MeshError, Topology, TriangleMesh};
@@ -86,7 +90,7 @@ pub enum RegisterError {
 const SMOOTH: f64 = 0.906;
 
 /// A surface prepared for registration.
-pub struct Surface<'a> {
+pub struct RegistrationSurface<'a> {
     mesh: &'a TriangleMesh,
     tree: SurfaceTree,
     normals: Vec<Vector3<f64>>,
@@ -95,7 +99,7 @@ pub struct Surface<'a> {
     open: Vec<[bool; 3]>,
 }
 
-impl<'a> Surface<'a> {
+impl<'a> RegistrationSurface<'a> {
     /// Prepares a surface, open or closed.
     ///
     /// # Errors

@@ -13,7 +13,7 @@ mod clusters;
 
 use nalgebra::{Point3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::{RegisterError, Surface};
+use super::{RegisterError, RegistrationSurface};
 use crate::mesh::measures::{max_or_nan, median};
 use crate::progress::Progress;
 use crate::solvers::sparse::Factor;
@@ -109,8 +109,8 @@ impl NonRigid {
     /// Too few vertices are near the other surface, or the system has no solution.
     pub fn run(
         &self,
-        moving: &Surface<'_>,
-        fixed: &Surface<'_>,
+        moving: &RegistrationSurface<'_>,
+        fixed: &RegistrationSurface<'_>,
         start: &[Point3<f64>],
         progress: &dyn Progress,
     ) -> Result<Bent, RegisterError> {
@@ -175,7 +175,7 @@ impl NonRigid {
 
 /// State of the deformation, in units of the size of the other surface.
 struct Bending<'a> {
-    fixed: &'a Surface<'a>,
+    fixed: &'a RegistrationSurface<'a>,
     clusters: &'a Clusters,
     triangles: &'a [[u32; 3]],
     outliers: Vec<bool>,
@@ -191,8 +191,8 @@ type Part = SVector<f64, 6>;
 
 impl<'a> Bending<'a> {
     fn new(
-        moving: &'a Surface<'a>,
-        fixed: &'a Surface<'a>,
+        moving: &'a RegistrationSurface<'a>,
+        fixed: &'a RegistrationSurface<'a>,
         start: &[Point3<f64>],
         clusters: &'a Clusters,
     ) -> Result<Self, RegisterError> {

@@ -13,9 +13,9 @@ use nalgebra::{
 
 use rayon::prelude::*;
 
-use super::fit::{Motion, draws_needed};
+use super::fit::{FitMotion, draws_needed};
 use super::icp::Select;
-use super::{Icp, RegisterError, Surface};
+use super::{Icp, RegisterError, RegistrationSurface};
 use crate::mesh::Aabb;
 use crate::progress::{Progress, Silent};
 use crate::random::Random;
@@ -24,7 +24,7 @@ use crate::random::Random;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ransac {
     /// Whether size may change.
-    pub motion: Motion,
+    pub motion: FitMotion,
     /// Least share of the moving surface's points that correspond to the other surface.
     pub good: f64,
     /// Probability of drawing at least one pair of good points.
@@ -46,7 +46,7 @@ pub struct Ransac {
 impl Default for Ransac {
     fn default() -> Self {
         Self {
-            motion: Motion::Rigid,
+            motion: FitMotion::Rigid,
             good: 0.3,
             sure: 0.99,
             patience: 5.0,
@@ -103,7 +103,7 @@ fn bin(angles: &[f64; 3]) -> [i32; 3] {
 }
 
 /// The motion that takes one pair to another.
-fn motion(from: &Oriented, to: &Oriented, kind: Motion) -> Option<Similarity3<f64>> {
+fn motion(from: &Oriented, to: &Oriented, kind: FitMotion) -> Option<Similarity3<f64>> {
     let frame = |[(p, m), (q, n)]: &Oriented| {
         let d = (q - p).try_normalize(0.0)?;
         let side = (m - d * m.dot(&d)).normalize() + (n - d * n.dot(&d)).normalize();
@@ -115,7 +115,7 @@ fn motion(from: &Oriented, to: &Oriented, kind: Motion) -> Option<Similarity3<f6
     let rotation =
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
     let lengths = [from, to].map(|pair| (pair[1].0 - pair[0].0).norm());
-    let scale = if kind == Motion::Similarity {
+    let scale = if kind == FitMotion::Similarity {
         lengths[1] / lengths[0]
     } else {
         1.0
@@ -131,8 +131,8 @@ fn motion(from: &Oriented, to: &Oriented, kind: Motion) -> Option<Similarity3<f6
 /// Data that are constant over all draws.
 struct Search<'a> {
     settings: &'a Ransac,
-    moving: &'a Surface<'a>,
-    fixed: &'a Surface<'a>,
+    moving: &'a RegistrationSurface<'a>,
+    fixed: &'a RegistrationSurface<'a>,
     listed: Vec<u32>,
     pairs: HashMap<[i32; 3], Vec<[u32; 2]>>,
     tried: Vec<u32>,
@@ -150,8 +150,8 @@ impl Ransac {
     /// No motion was found.
     pub fn start(
         &self,
-        moving: &Surface<'_>,
-        fixed: &Surface<'_>,
+        moving: &RegistrationSurface<'_>,
+        fixed: &RegistrationSurface<'_>,
     ) -> Result<Similarity3<f64>, RegisterError> {
         let found = self.best(moving, fixed, &[], &Silent)?;
         if found.inliers >= found.wanted {
@@ -167,8 +167,8 @@ impl Ransac {
     /// No motion was found, or `progress` stopped the search.
     pub fn best(
         &self,
-        moving: &Surface<'_>,
-        fixed: &Surface<'_>,
+        moving: &RegistrationSurface<'_>,
+        fixed: &RegistrationSurface<'_>,
         others: &[Similarity3<f64>],
         progress: &dyn Progress,
     ) -> Result<InitialAlignment, RegisterError> {
@@ -320,8 +320,8 @@ impl InitialAlignment {
 impl<'a> Search<'a> {
     fn new(
         settings: &'a Ransac,
-        moving: &'a Surface<'a>,
-        fixed: &'a Surface<'a>,
+        moving: &'a RegistrationSurface<'a>,
+        fixed: &'a RegistrationSurface<'a>,
         draws: &mut Random,
     ) -> Self {
         let sample = |count: usize, of: usize, draws: &mut Random| -> Vec<u32> {
@@ -434,7 +434,8 @@ impl<'a> Search<'a> {
         let [low, high] = settings.scales;
         let refine = |start: &Similarity3<f64>| {
             let motion = icp.run(self.moving, self.fixed, start).ok()?.motion;
-            if settings.motion == Motion::Similarity && !(low..=high).contains(&motion.scaling()) {
+            if settings.motion == FitMotion::Similarity && !(low..=high).contains(&motion.scaling())
+            {
                 return None;
             }
             let closely = self.agreeing(&motion, None, CLOSER * settings.near);
@@ -464,8 +465,8 @@ impl<'a> Search<'a> {
                 let to = oriented(self.fixed, pair);
                 let scale = (to[1].0 - to[0].0).norm() / length;
                 let fits = match self.settings.motion {
-                    Motion::Rigid => (scale - 1.0).abs() < 0.1,
-                    Motion::Similarity => {
+                    FitMotion::Rigid => (scale - 1.0).abs() < 0.1,
+                    FitMotion::Similarity => {
                         scale >= self.settings.scales[0] && scale <= self.settings.scales[1]
                     }
                 };
@@ -502,6 +503,6 @@ impl<'a> Search<'a> {
     }
 }
 
-fn oriented(surface: &Surface<'_>, pair: [u32; 2]) -> Oriented {
+fn oriented(surface: &RegistrationSurface<'_>, pair: [u32; 2]) -> Oriented {
     pair.map(|v| (surface.points()[v as usize], surface.normals()[v as usize]))
 }

@@ -5,7 +5,9 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Translation3, UnitQuaternion, Vector3};
 
 use super::ransac::InitialAlignment;
-use super::{Bent, Icp, Motion, NonRigid, Ransac, RegisterError, Registered, Surface};
+use super::{
+    Bent, FitMotion, Icp, NonRigid, Ransac, RegisterError, Registered, RegistrationSurface,
+};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::median;
 use crate::morph::align::rotation_of;
@@ -14,9 +16,9 @@ use crate::progress::Progress;
 
 /// Settings of a registration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Settings {
+pub struct RegistrationSettings {
     /// Degrees of freedom.
-    pub motion: Motion,
+    pub motion: FitMotion,
     /// Settings of the search for a start.
     pub ransac: Ransac,
     /// Settings of the refinement.
@@ -27,7 +29,7 @@ pub struct Settings {
 
 /// Time of each part [s].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Times {
+pub struct RegistrationTimes {
     /// Time of the search for a start.
     pub start: f64,
     /// Time of the iterated closest points.
@@ -53,12 +55,12 @@ pub struct SurfaceRegistration {
     /// boundary.
     pub inliers: Vec<bool>,
     /// Time of each part.
-    pub times: Times,
+    pub times: RegistrationTimes,
 }
 
 /// Measures of distances over a set of vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Residual {
+pub struct RegistrationResidual {
     /// Root mean square \[m\].
     pub rms: f64,
     /// Median \[m\].
@@ -67,7 +69,7 @@ pub struct Residual {
     pub max: f64,
 }
 
-impl Residual {
+impl RegistrationResidual {
     /// Measures of the given distances; zero for none.
     pub fn of(distances: impl Iterator<Item = f64>) -> Self {
         let all: Vec<f64> = distances.collect();
@@ -82,8 +84,8 @@ impl Residual {
 
 impl SurfaceRegistration {
     /// Distances of the vertices that lie on the other surface.
-    pub fn residual(&self) -> Residual {
-        Residual::of(
+    pub fn residual(&self) -> RegistrationResidual {
+        RegistrationResidual::of(
             self.distances
                 .iter()
                 .zip(&self.inliers)
@@ -103,12 +105,12 @@ impl SurfaceRegistration {
 /// # Errors
 /// No start, too few pairs during the refinement, a system without solution, or a stop by `progress`.
 pub fn register_surfaces(
-    moving: &Surface<'_>,
-    fixed: &Surface<'_>,
-    settings: &Settings,
+    moving: &RegistrationSurface<'_>,
+    fixed: &RegistrationSurface<'_>,
+    settings: &RegistrationSettings,
     progress: &dyn Progress,
 ) -> Result<SurfaceRegistration, RegisterError> {
-    let mut times = Times::default();
+    let mut times = RegistrationTimes::default();
     let begun = Instant::now();
     let ransac = Ransac {
         motion: settings.motion,
@@ -158,10 +160,10 @@ pub fn register_surfaces(
 }
 
 /// Starts without draws: the given placement, coincident centres, and principal axes.
-fn others(moving: &TriangleMesh, fixed: &TriangleMesh, motion: Motion) -> Vec<Similarity3<f64>> {
+fn others(moving: &TriangleMesh, fixed: &TriangleMesh, motion: FitMotion) -> Vec<Similarity3<f64>> {
     let [a, b] = [moving, fixed].map(|m| m.surface_centroid().unwrap_or_default().coords);
     let ratio = (fixed.area() / moving.area()).sqrt();
-    let scale = if motion == Motion::Similarity && ratio > 0.0 && ratio.is_finite() {
+    let scale = if motion == FitMotion::Similarity && ratio > 0.0 && ratio.is_finite() {
         ratio
     } else {
         1.0
@@ -186,8 +188,8 @@ fn others(moving: &TriangleMesh, fixed: &TriangleMesh, motion: Motion) -> Vec<Si
 
 /// Distance of each vertex, and whether the vertex lies on the other surface.
 fn judged(
-    moving: &Surface<'_>,
-    fixed: &Surface<'_>,
+    moving: &RegistrationSurface<'_>,
+    fixed: &RegistrationSurface<'_>,
     points: &[Point3<f64>],
     near: f64,
 ) -> (Vec<f64>, Vec<bool>) {

@@ -6,15 +6,18 @@
 //! triangles cover the sphere once. Each point of the sphere thus corresponds to one point of the
 //! surface.
 
-pub mod centre;
+pub(crate) mod centre;
 mod error;
 pub(super) mod kernel;
 mod progressive;
-pub mod relaxation;
+pub(crate) mod relaxation;
 mod removal;
 pub(super) mod rings;
 mod stretch;
 mod surface;
+
+pub use centre::{bounding_sphere, inside_near};
+pub use relaxation::{Effort, Relaxation};
 
 use nalgebra::{Point3, UnitQuaternion};
 

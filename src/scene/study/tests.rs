@@ -14,7 +14,7 @@ fn read(text: &str) -> Read<StudyFile> {
     )
 }
 
-fn keys(changes: &[Change]) -> Vec<(&str, &str)> {
+fn keys(changes: &[StudyChange]) -> Vec<(&str, &str)> {
     changes
         .iter()
         .map(|c| (c.key.as_str(), c.value.as_str()))

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::contact::{Obstacle, PosedObstacle};
 use crate::mesh::TriangleMesh;
 use crate::particles::Particles;
-use crate::scene::{Area, Scene};
+use crate::scene::{AreaSpec, Scene};
 use crate::simulation::assets::Assets;
 use crate::simulation::attachments::{self, Attached};
 use crate::simulation::fault::{Fault, LoadError};
@@ -43,7 +43,7 @@ pub(super) fn attach(
         };
         let near = || rest.near(&obstacle, &placed[bone].now);
         let found = match (&attachment.area, patch) {
-            (Area::Vertices(list), _) => {
+            (AreaSpec::Vertices(list), _) => {
                 check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some()).map_err(
                     |(at, fault)| {
                         LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault)
@@ -51,13 +51,13 @@ pub(super) fn attach(
                 )?;
                 list.clone()
             }
-            (Area::Near(within), _) => {
+            (AreaSpec::Near(within), _) => {
                 attachments::among(&near().closest, true, *within, attachment.limit)
             }
-            (Area::Patch { within, .. }, Some(_)) => {
+            (AreaSpec::Patch { within, .. }, Some(_)) => {
                 attachments::among(&near().closest, false, *within, attachment.limit)
             }
-            (Area::Patch { .. }, None) => Vec::new(),
+            (AreaSpec::Patch { .. }, None) => Vec::new(),
         };
         if found.is_empty() {
             let near = near();

@@ -3,7 +3,7 @@
 use crate::constraints::distance::Distance;
 use crate::encode::{Encode, Encoder, hash_of};
 use crate::mesh::TriangleMesh;
-use crate::scene::{Attachment, Bone, Capsule, Muscle, Scene};
+use crate::scene::{AttachmentSpec, BoneSpec, Capsule, Muscle, Scene};
 use crate::simulation::Simulation;
 use crate::simulation::body::Body;
 use crate::simulation::plan::MusclePlan;
@@ -42,7 +42,7 @@ impl Fingerprint {
         print.add("`solver`".to_owned(), solver);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
             // Surface and repair determine the mesh.
-            let Bone {
+            let BoneSpec {
                 name,
                 surface: _,
                 repair: _,
@@ -85,7 +85,7 @@ impl Fingerprint {
         self.add(format!("the material of muscle `{name}`"), material);
         // Patches determine the attached vertices.
         let mut bones = Vec::new();
-        for Attachment {
+        for AttachmentSpec {
             bone,
             area: _,
             limit: _,

@@ -2,9 +2,9 @@
 
 use super::{LeftOut, Plan, Planned};
 use crate::mesh::TriangleMesh;
-use crate::scene::content::{LatticeScene, SkinScene, Under};
-use crate::simulation::skin::Part;
-use crate::springs::lattice::Shape;
+use crate::scene::content::{LatticeScene, SkinScene, Support};
+use crate::simulation::skin::SkinPart;
+use crate::springs::lattice::LatticeShape;
 
 /// Time of a skin spring in an equilibrium over an implant and over a ball [ms], all included, as
 /// measured on the built-in scenes with two cores; for estimates only.
@@ -20,7 +20,7 @@ const TOUCH: usize = 120;
 
 impl Plan {
     /// The plan of a skin scene.
-    pub fn of_skin(scene: &SkinScene, parts: &[Part], obstacles: &[TriangleMesh]) -> Self {
+    pub fn of_skin(scene: &SkinScene, parts: &[SkinPart], obstacles: &[TriangleMesh]) -> Self {
         let mut plan = Self::default();
         for part in parts {
             plan.add_part(scene, part, obstacles);
@@ -40,7 +40,7 @@ impl Plan {
         plan
     }
 
-    fn add_part(&mut self, scene: &SkinScene, part: &Part, obstacles: &[TriangleMesh]) {
+    fn add_part(&mut self, scene: &SkinScene, part: &SkinPart, obstacles: &[TriangleMesh]) {
         let layers = &part.ready.layers;
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
         let mut run = |effect: &str, elements: usize, bytes: usize, ms_per_frame: f64| {
@@ -54,7 +54,7 @@ impl Plan {
             });
         };
         let springs = layers.springs.len();
-        let over_ball = matches!(scene.under, Under::Ball(_));
+        let over_ball = matches!(scene.under, Support::Ball(_));
         let ms = springs as f64 * if over_ball { MS_OVER_BALL } else { MS_OF_SKIN };
         run("two layers of skin", springs, springs * SPRING, ms);
         if over_ball {
@@ -107,7 +107,7 @@ impl Plan {
     }
 
     /// The plan of a lattice scene with `steps` steps per frame.
-    pub fn of_lattice(scene: &LatticeScene, shape: &Shape, steps: u32) -> Self {
+    pub fn of_lattice(scene: &LatticeScene, shape: &LatticeShape, steps: u32) -> Self {
         let (springs, points) = (scene.neighbours.springs(scene.points), shape.count());
         let top = scene.points[0] * scene.points[1];
         let mut plan = Self::default();

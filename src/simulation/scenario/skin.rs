@@ -10,9 +10,9 @@ use super::{
 use crate::mesh::measures::max_or_nan;
 use crate::mesh::{TriangleMesh, shapes};
 use crate::progress::Progress;
-use crate::scene::content::Under;
+use crate::scene::content::Support;
 use crate::simulation::Plan;
-use crate::simulation::skin::{Measured, Part, SkinRun};
+use crate::simulation::skin::{SkinMeasures, SkinPart, SkinRun};
 use crate::skin::{Areas, Interval};
 
 /// Frame rate of pictures of equilibria [1/s]. Equilibria have no frame rate of their own.
@@ -21,7 +21,7 @@ const RATE: f64 = 4.0;
 /// Subdivisions of the icosahedron that shows a ball.
 const BALL_LEVELS: u32 = 3;
 
-impl Measured {
+impl SkinMeasures {
     /// Volume of all implants [m^3].
     pub fn volume(&self) -> f64 {
         // The sum of an empty list is minus zero.
@@ -29,7 +29,7 @@ impl Measured {
     }
 }
 
-impl Part {
+impl SkinPart {
     /// Areas in a frame. For frame 0 and for a frame that was not computed, the areas before.
     pub fn areas_at(&self, frame: usize) -> Areas {
         if let Some(found) = self.frames.iter().find(|f| f.frame == frame) {
@@ -57,7 +57,7 @@ impl SkinRun {
     }
 
     /// The last frame of each part that has frames.
-    fn last(&self) -> impl Iterator<Item = &Measured> {
+    fn last(&self) -> impl Iterator<Item = &SkinMeasures> {
         self.parts.iter().filter_map(|part| part.frames.last())
     }
 }
@@ -117,7 +117,7 @@ impl Scenario for SkinRun {
             let file = unused(&format!("obstacle_{}", obstacle.name), &mut used);
             bones.push((file, mesh.clone()));
         }
-        if let Under::Ball(ball) = &self.scene.under {
+        if let Support::Ball(ball) = &self.scene.under {
             let mesh = shapes::icosphere(ball.radius, BALL_LEVELS);
             bones.push((unused("ball", &mut used), mesh));
         }
@@ -126,7 +126,7 @@ impl Scenario for SkinRun {
 
     fn poses(&self, frame: usize) -> Vec<Isometry3<f64>> {
         let mut bones = vec![Isometry3::identity(); self.obstacles.len()];
-        if let (Under::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
+        if let (Support::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
             bones.push(Translation3::from(self.ball_at(ball, part, frame).centre.coords).into());
         }
         bones
@@ -150,10 +150,10 @@ impl Scenario for SkinRun {
 
     fn measures(&self) -> Vec<(&'static str, f64)> {
         let areas = self.areas_at(self.frame());
-        let volume: f64 = self.last().map(Measured::volume).sum();
-        let last = |of: fn(&Measured) -> f64| max_or_nan(self.last().map(of));
+        let volume: f64 = self.last().map(SkinMeasures::volume).sum();
+        let last = |of: fn(&SkinMeasures) -> f64| max_or_nan(self.last().map(of));
         vec![
-            ("time_s", self.parts.iter().map(Part::time_s).sum()),
+            ("time_s", self.parts.iter().map(SkinPart::time_s).sum()),
             ("area_before_m2", areas.before),
             ("area_deformed_m2", areas.deformed),
             ("area_gain_m2", areas.gain()),

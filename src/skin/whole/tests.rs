@@ -1,7 +1,7 @@
 use super::*;
 use crate::mesh::shapes::icosphere;
 use crate::skin::ImplantSpec;
-use crate::skin::plan::Place;
+use crate::skin::plan::ImplantPlace;
 
 /// A sphere of 10 cm with edges of about 1.4 cm.
 fn ball() -> TriangleMesh {
@@ -11,7 +11,7 @@ fn ball() -> TriangleMesh {
 fn ready(skin: &TriangleMesh, vertex: usize, edge: f64) -> PreparedPatch {
     let order = ImplantSpec {
         edge: Some(edge),
-        ..ImplantSpec::round(Place::Vertex(vertex), 0.05, 2e-5)
+        ..ImplantSpec::round(ImplantPlace::Vertex(vertex), 0.05, 2e-5)
     };
     PreparedPatch::new(skin, &order, &[]).expect("a region")
 }

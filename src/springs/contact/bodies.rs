@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 
-use super::body::Body;
+use super::body::CollidingBody;
 use super::finding::{Contact, find};
-use super::impulse::{Part, Response, impulse};
+use super::impulse::{ContactPart, Response, impulse};
 use crate::contact::Obstacle;
 use crate::mesh::measures::max_or_nan;
 use crate::springs::integrators::{SemiImplicitEuler, StepError};
@@ -20,7 +20,7 @@ use crate::springs::stability;
 /// through.
 pub struct Bodies {
     /// The bodies.
-    pub bodies: Vec<Body>,
+    pub bodies: Vec<CollidingBody>,
     /// Fixed obstacles in space. Vertices of soft bodies stay out of them.
     pub obstacles: Vec<Arc<dyn Obstacle>>,
     /// Restitution and friction of all contacts.
@@ -52,7 +52,7 @@ pub struct StepContacts {
 
 impl Bodies {
     /// Bodies without bounce or friction.
-    pub fn new(bodies: Vec<Body>) -> Self {
+    pub fn new(bodies: Vec<CollidingBody>) -> Self {
         Self {
             bodies,
             obstacles: Vec::new(),
@@ -66,7 +66,8 @@ impl Bodies {
     /// The longest stable step of all bodies [s], at their present shapes. Contact by impulses does
     /// not shorten it.
     pub fn limit(&self) -> f64 {
-        let each = |b: &Body| stability::limit(&self.integrator, &stability::stiffest(&b.system));
+        let each =
+            |b: &CollidingBody| stability::limit(&self.integrator, &stability::stiffest(&b.system));
         self.bodies.iter().map(each).fold(f64::INFINITY, f64::min)
     }
 
@@ -83,7 +84,7 @@ impl Bodies {
         }
         // This check comes first: a point without a finite position touches nothing.
         self.check(dt)?;
-        self.bodies.iter_mut().for_each(Body::refit);
+        self.bodies.iter_mut().for_each(CollidingBody::refit);
         let contacts = find(&mut self.bodies, &self.obstacles);
         let inside = contacts.iter().filter(|t| t.depth > 0.0).count();
         let met = StepContacts {
@@ -120,14 +121,14 @@ impl Bodies {
         &'a self,
         t: &Contact,
         of: impl Fn(usize) -> &'a [Vector3<f64>],
-    ) -> (Part<2>, Part<3>) {
+    ) -> (ContactPart<2>, ContactPart<3>) {
         let (one, zero) = (&self.bodies[t.first], Vector3::zeros());
-        let first = Part {
+        let first = ContactPart {
             weights: t.end_weights,
             inverse_mass: t.ends.map(|v| one.inverse_mass(v)),
             velocity: t.ends.map(|v| of(t.first)[v as usize]),
         };
-        let mut second = Part {
+        let mut second = ContactPart {
             weights: t.corner_weights,
             inverse_mass: [0.0; 3],
             velocity: [zero; 3],
@@ -139,7 +140,7 @@ impl Bodies {
         (first, second)
     }
 
-    fn moving(&self, t: &Contact) -> (Part<2>, Part<3>) {
+    fn moving(&self, t: &Contact) -> (ContactPart<2>, ContactPart<3>) {
         self.parts(t, |body| &self.bodies[body].system.velocity)
     }
 
@@ -219,7 +220,7 @@ impl Bodies {
 fn add<const N: usize>(
     to: &mut [Vector3<f64>],
     points: &[u32; N],
-    part: &Part<N>,
+    part: &ContactPart<N>,
     impulse: Vector3<f64>,
 ) {
     for ((&point, weight), inverse_mass) in points.iter().zip(&part.weights).zip(&part.inverse_mass)

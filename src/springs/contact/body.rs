@@ -74,7 +74,7 @@ impl Drive {
 }
 
 /// A body of [`super::Bodies`].
-pub struct Body {
+pub struct CollidingBody {
     /// Points and forces of the body.
     pub system: SpringSystem,
     drive: Option<Drive>,
@@ -89,7 +89,7 @@ pub struct Body {
     closed: Option<Surface>,
 }
 
-impl Body {
+impl CollidingBody {
     /// Creates a spring system with the surface `triangles`. Only a closed, outward surface has an
     /// inside; any other touches with its edges and triangles alone.
     ///

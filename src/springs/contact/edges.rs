@@ -178,7 +178,7 @@ pub fn crossings(first: Sheet<'_>, second: Sheet<'_>, mut visit: impl FnMut(Foun
 }
 
 /// The same as [`crossings`] for one triangle of each surface, such as those of
-/// [`super::Voxels::pairs`]. Sides that a triangle does not own are tested by its neighbours, which
+/// [`super::VoxelGrid::pairs`]. Sides that a triangle does not own are tested by its neighbours, which
 /// have the same points.
 pub fn crossings_of(
     [s, t]: [u32; 2],

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 
-use super::body::Body;
+use super::body::CollidingBody;
 use super::edges::{Edge, Found, crossings};
 use crate::contact::Obstacle;
 use crate::mesh::measures::max_or_nan;
@@ -29,7 +29,7 @@ pub(super) struct Contact {
 
 /// All contacts, in an order that depends on the bodies and their positions alone; refits the
 /// boxes.
-pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<Contact> {
+pub(super) fn find(bodies: &mut [CollidingBody], obstacles: &[Arc<dyn Obstacle>]) -> Vec<Contact> {
     let mut near = Vec::new();
     for i in 0..bodies.len() {
         for j in i + 1..bodies.len() {
@@ -72,7 +72,12 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
 /// The normal is that of the triangle or of the edge, whichever gives the shorter exit. Otherwise a
 /// floor edge that passes through the side of a resting body, by the depth of a contact, would stop
 /// it from sliding.
-fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Option<Contact> {
+fn crossed(
+    bodies: &[CollidingBody],
+    first: usize,
+    second: usize,
+    found: &Found,
+) -> Option<Contact> {
     let (one, two) = (
         &bodies[first].system.position,
         &bodies[second].system.position,
@@ -114,7 +119,7 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
 
 /// Vertices of one body inside another. A flat side inside another body has crossing edges only at
 /// its boundary, and its interior would sink deeper.
-fn vertices(bodies: &[Body], first: usize, second: usize, contacts: &mut Vec<Contact>) {
+fn vertices(bodies: &[CollidingBody], first: usize, second: usize, contacts: &mut Vec<Contact>) {
     let Some(surface) = bodies[second].inside() else {
         return;
     };
@@ -142,7 +147,12 @@ fn vertices(bodies: &[Body], first: usize, second: usize, contacts: &mut Vec<Con
     }
 }
 
-fn against(first: usize, body: &Body, obstacle: &dyn Obstacle, contacts: &mut Vec<Contact>) {
+fn against(
+    first: usize,
+    body: &CollidingBody,
+    obstacle: &dyn Obstacle,
+    contacts: &mut Vec<Contact>,
+) {
     let bounds = obstacle.bounding_box();
     if !body.bounds().intersects(&bounds) {
         return;

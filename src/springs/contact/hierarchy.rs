@@ -12,7 +12,7 @@ const LEAST_SHARE: usize = 8;
 
 /// Content of a node of a [`Hierarchy`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum BoundKind {
     /// One triangle.
     Leaf(u32),
     /// Two nodes, both after this one.
@@ -110,14 +110,14 @@ impl Hierarchy {
     }
 
     /// Box [m] and content of a node.
-    pub fn node(&self, node: u32) -> (&Aabb, Kind) {
+    pub fn node(&self, node: u32) -> (&Aabb, BoundKind) {
         let n = &self.nodes[node as usize];
         (
             &n.bounds,
             if n.second == NONE {
-                Kind::Leaf(n.triangle)
+                BoundKind::Leaf(n.triangle)
             } else {
-                Kind::Inner([node + 1, n.second])
+                BoundKind::Inner([node + 1, n.second])
             },
         )
     }
@@ -132,7 +132,7 @@ impl Hierarchy {
                 counts.push(0);
             }
             counts[own] += 1;
-            if let (_, Kind::Inner(children)) = self.node(node as u32) {
+            if let (_, BoundKind::Inner(children)) = self.node(node as u32) {
                 children.iter().for_each(|&c| level[c as usize] = own + 1);
             }
         }

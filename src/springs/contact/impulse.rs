@@ -54,7 +54,7 @@ impl Response {
 
 /// The contact point of a body between `N` of its points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Part<const N: usize> {
+pub struct ContactPart<const N: usize> {
     /// Weights of the points; their sum is 1.
     pub weights: [f64; N],
     /// Inverse masses [1/kg]; 0 for a fixed or driven point.
@@ -63,7 +63,7 @@ pub struct Part<const N: usize> {
     pub velocity: [Vector3<f64>; N],
 }
 
-impl<const N: usize> Part<N> {
+impl<const N: usize> ContactPart<N> {
     /// Velocity of the contact point [m/s].
     pub fn at(&self) -> Vector3<f64> {
         self.weights
@@ -103,8 +103,8 @@ impl<const N: usize> Part<N> {
 /// lie along n.
 pub fn impulse<const A: usize, const B: usize>(
     normal: &Vector3<f64>,
-    first: &Part<A>,
-    second: &Part<B>,
+    first: &ContactPart<A>,
+    second: &ContactPart<B>,
     response: Response,
 ) -> Option<Vector3<f64>> {
     let mobility = first.mobility() + second.mobility();

@@ -2,18 +2,23 @@
 //! points inside; the response is by impulses.
 //!
 //! A step of [`Bodies`] computes forces, velocities, impulses, positions, in this order (errata
-//! B05). Each part is also usable alone: [`Hierarchy`], [`Voxels`], [`edges`], [`impulse`].
+//! B05). Each part is also usable alone: [`Hierarchy`], [`VoxelGrid`], [`edges`], [`impulse`].
 
-pub mod bodies;
-pub mod body;
-pub mod edges;
+pub(crate) mod bodies;
+pub(crate) mod body;
+pub(crate) mod edges;
 mod finding;
-pub mod hierarchy;
-pub mod impulse;
-pub mod voxels;
+pub(crate) mod hierarchy;
+pub(crate) mod impulse;
+pub(crate) mod voxels;
+
+pub use edges::{Crossing, Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of};
+pub use hierarchy::BoundKind;
+pub use impulse::{ContactPart, impulse};
+pub use voxels::VoxelError;
 
 pub use bodies::{Bodies, StepContacts};
-pub use body::{Body, BodyError, Drive};
+pub use body::{BodyError, CollidingBody, Drive};
 pub use hierarchy::Hierarchy;
 pub use impulse::{Response, ResponseError};
-pub use voxels::Voxels;
+pub use voxels::VoxelGrid;

@@ -12,7 +12,7 @@ const MOST: usize = 1 << 26;
 /// Upper bound of the rounding error of a cube's coordinate, relative to the largest coordinate.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
-/// Error of [`Voxels::new`].
+/// Error of [`VoxelGrid::new`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum VoxelError {
     /// The side is not a positive length.
@@ -32,7 +32,7 @@ pub enum VoxelError {
 ///
 /// [`crate::contact::broad_phase::BitGrid`] uses cubes as a solid obstacle.
 #[derive(Clone, Debug, Default)]
-pub struct Voxels {
+pub struct VoxelGrid {
     origin: Point3<f64>,
     side: f64,
     slack: f64,
@@ -43,7 +43,7 @@ pub struct Voxels {
     listed: Vec<u32>,
 }
 
-impl Voxels {
+impl VoxelGrid {
     /// Sorts triangles with valid indices and vertices [m] into cubes of side `side` [m].
     ///
     /// # Errors

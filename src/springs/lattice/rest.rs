@@ -4,7 +4,7 @@ use super::{Lattice, LatticeError, Number};
 
 /// Criterion of rest of a lattice.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rest {
+pub struct LatticeRestSettings {
     /// Greatest move of a point in a step at rest \[m\].
     pub threshold: f64,
     /// Number of successive steps below the threshold: an oscillation pauses at each turn.
@@ -15,7 +15,7 @@ pub struct Rest {
 
 /// Result of a run to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settled {
+pub struct LatticeSettled {
     /// Number of steps up to the last one with a move at or above the threshold; later steps only
     /// confirm the rest.
     pub steps: u64,
@@ -32,7 +32,10 @@ impl<F: Number> Lattice<F> {
     /// # Errors
     /// [`LatticeError::Value`] for a threshold that is not positive, [`LatticeError::Diverged`] if
     /// the lattice diverges.
-    pub fn until_rest(&mut self, rest: &Rest) -> Result<Settled, LatticeError> {
+    pub fn until_rest(
+        &mut self,
+        rest: &LatticeRestSettings,
+    ) -> Result<LatticeSettled, LatticeError> {
         super::value("the threshold of rest", rest.threshold, false)?;
         let (mut step, mut last, mut last_move) = (0, 0, 0.0);
         while step < rest.limit {
@@ -48,7 +51,7 @@ impl<F: Number> Lattice<F> {
                 if moved >= rest.threshold {
                     last = step;
                 } else if step - last >= rest.quiet {
-                    return Ok(Settled {
+                    return Ok(LatticeSettled {
                         steps: last,
                         at_rest: true,
                         last_move,
@@ -56,7 +59,7 @@ impl<F: Number> Lattice<F> {
                 }
             }
         }
-        Ok(Settled {
+        Ok(LatticeSettled {
             steps: last,
             at_rest: false,
             last_move,

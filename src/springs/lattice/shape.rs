@@ -9,7 +9,7 @@ const MOST_POINTS: usize = 1 << 30;
 
 /// Points of a box at rest, x running fastest.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shape {
+pub struct LatticeShape {
     /// Number of points along x, y, z.
     pub points: [usize; 3],
     /// Position of the first point \[m\].
@@ -18,7 +18,7 @@ pub struct Shape {
     pub spacing: [f64; 3],
 }
 
-impl Shape {
+impl LatticeShape {
     /// A cube of side 1 about the origin, `n` points along each side.
     pub fn unit_cube(n: usize) -> Self {
         let spacing = if n > 1 { 1.0 / (n - 1) as f64 } else { 1.0 };

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Neighbours, Settings, Shape};
+use super::{LatticeSettings, LatticeShape, Neighbours};
 use crate::springs::integrators::{Integrator, Verlet};
 use crate::springs::stability::Mode;
 
@@ -24,7 +24,7 @@ pub(super) struct Direction {
 }
 
 /// The 3 or 13 directions of springs; each also represents its opposite.
-pub(super) fn directions(shape: &Shape, settings: &Settings) -> Vec<Direction> {
+pub(super) fn directions(shape: &LatticeShape, settings: &LatticeSettings) -> Vec<Direction> {
     let direction = |&step: &[i32; 3]| {
         let along = Vector3::from([0, 1, 2].map(|c| f64::from(step[c]) * shape.spacing[c]));
         let rest = along.norm();
@@ -46,7 +46,7 @@ pub(super) fn directions(shape: &Shape, settings: &Settings) -> Vec<Direction> {
 /// Six neighbours: `4 D sin^2(pi (n - 1) / (2 n))`, exact. Twenty-six neighbours: by power
 /// iteration. For large lattices the value of the infinite lattice, which is a bound: missing
 /// springs only remove energy.
-pub fn largest_stiffness(shape: &Shape, settings: &Settings) -> f64 {
+pub fn largest_stiffness(shape: &LatticeShape, settings: &LatticeSettings) -> f64 {
     let all = directions(shape, settings);
     match settings.neighbours {
         Neighbours::Six => {
@@ -88,7 +88,7 @@ fn endless(all: &[Direction]) -> f64 {
 }
 
 /// Power iteration from a fixed start.
-fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
+fn iterated(shape: &LatticeShape, all: &[Direction]) -> f64 {
     let [nx, ny, nz] = shape.points;
     let count = shape.count();
     let mut seed = 1u64;

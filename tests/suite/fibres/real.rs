@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use pliant::fibres::attachment::{AreaSource, Attachment};
-use pliant::fibres::harmonic::{Options, decompose};
+use pliant::fibres::harmonic::{HarmonicOptions, decompose};
+use pliant::fibres::{AreaSource, Attachment};
 use pliant::mesh::TriangleMesh;
-use pliant::simulation::attachments::component;
+use pliant::simulation::component;
 
 use crate::fibres::{assert_good, measured};
 
@@ -223,7 +223,7 @@ fn all_muscles() {
         let areas = Attachment::new(&muscle, source(0, origin), source(1, insertion));
         let areas = areas.unwrap_or_else(|e| panic!("{name}: {e}"));
         let start = Instant::now();
-        decompose(&muscle, &areas, Options::default()).expect("fibres");
+        decompose(&muscle, &areas, HarmonicOptions::default()).expect("fibres");
         let time = start.elapsed().as_secs_f64();
         let (_, q) = measured(&muscle, &areas);
         println!(

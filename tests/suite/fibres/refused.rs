@@ -1,10 +1,11 @@
 //! Areas and muscles that are rejected, each with its place.
 
 use nalgebra::{Point3, Vector3};
-use pliant::fibres::attachment::{AreaSource, Attachment, AttachmentError, End};
-use pliant::fibres::harmonic::{DecompositionError, Options, decompose, decompose_with};
-use pliant::fibres::method::{self, Method, MethodError};
-use pliant::fibres::smooth::Smoothing;
+use pliant::fibres::harmonic::{DecompositionError, HarmonicOptions, decompose, decompose_with};
+use pliant::fibres::{
+    AreaSource, Attachment, AttachmentError, FibreMethod, MethodError, MuscleEnd, Smoothing,
+    decompose_by,
+};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{box_surface, icosphere};
 
@@ -31,20 +32,22 @@ fn areas() {
     let good = AreaSource::Vertices(&high);
     assert_eq!(
         refused(AreaSource::Vertices(&[]), good),
-        AttachmentError::Empty { end: End::Origin }
+        AttachmentError::Empty {
+            end: MuscleEnd::Origin
+        }
     );
     let nothing = TriangleMesh::default();
     assert_eq!(
         refused(good, AreaSource::Patch(&nothing)),
         AttachmentError::Empty {
-            end: End::Insertion
+            end: MuscleEnd::Insertion
         }
     );
     let error = refused(AreaSource::Vertices(&[100_000]), good);
     assert_eq!(
         error,
         AttachmentError::NoSuchVertex {
-            end: End::Origin,
+            end: MuscleEnd::Origin,
             vertex: 100_000,
             count: mesh.vertices.len()
         }
@@ -109,7 +112,7 @@ fn a_patch_further_away_has_tendons() {
     )
     .expect("areas");
     assert!(areas.origin.patch.is_some());
-    let made = decompose(&mesh, &areas, Options::default()).expect("fibres");
+    let made = decompose(&mesh, &areas, HarmonicOptions::default()).expect("fibres");
     let q = pliant::fibres::quality::measure(&mesh, &made.closed, &areas, &made.fibres, [1.0]);
     assert!(
         q.tendon_length_max_m >= 0.029 && q.tendon_length_max_m <= 0.035,
@@ -130,12 +133,13 @@ fn muscles() {
     )
     .expect("areas");
     for (count, points) in [(0, 15), (100, 1)] {
-        let error = decompose(&mesh, &areas, Options { count, points }).expect_err("refused");
+        let error =
+            decompose(&mesh, &areas, HarmonicOptions { count, points }).expect_err("refused");
         assert_eq!(error, DecompositionError::TooFew { count, points });
     }
     let mut flat = mesh.clone();
     flat.vertices.iter_mut().for_each(|v| v.y = 0.0);
-    let error = decompose(&flat, &areas, Options::default()).expect_err("refused");
+    let error = decompose(&flat, &areas, HarmonicOptions::default()).expect_err("refused");
     assert!(
         matches!(error, DecompositionError::NoInside { .. }),
         "{error}"
@@ -157,7 +161,7 @@ fn muscles() {
         AreaSource::Vertices(&other),
     )
     .expect("areas");
-    let error = decompose(&two, &areas, Options::default()).expect_err("refused");
+    let error = decompose(&two, &areas, HarmonicOptions::default()).expect_err("refused");
     assert!(
         matches!(error, DecompositionError::NotJoined { .. }),
         "{error}"
@@ -174,7 +178,7 @@ fn what_is_stopped_says_so() {
         AreaSource::Vertices(&high),
     )
     .expect("areas");
-    let options = Options {
+    let options = HarmonicOptions {
         count: 40,
         points: 15,
     };
@@ -218,10 +222,10 @@ fn what_is_stopped_says_so() {
         steps: 1_000_000,
         factor: 0.5,
     };
-    let made = method::decompose_with(
+    let made = decompose_by(
         &mesh,
         &areas,
-        Method::Harmonic,
+        FibreMethod::Harmonic,
         options,
         smoothing,
         &|stage: &str, done: usize, _: usize| goes_on(stage != "passes of smoothing" || done < 600),

@@ -1,7 +1,7 @@
 //! Shapes with known fibres.
 
 use nalgebra::{Point3, Vector3};
-use pliant::fibres::polyline::length;
+use pliant::fibres::length;
 use pliant::fibres::quality::measure;
 
 use crate::fibres::{assert_good, made, measured};
@@ -171,10 +171,10 @@ fn inside_out_and_open_is_the_same_muscle() {
         .filter(|t| !hole.contains(t))
         .map(|t| broken.triangles[t])
         .collect();
-    let again = pliant::fibres::attachment::Attachment::new(
+    let again = pliant::fibres::Attachment::new(
         &broken,
-        pliant::fibres::attachment::AreaSource::Vertices(&areas.origin.vertices),
-        pliant::fibres::attachment::AreaSource::Vertices(&areas.insertion.vertices),
+        pliant::fibres::AreaSource::Vertices(&areas.origin.vertices),
+        pliant::fibres::AreaSource::Vertices(&areas.insertion.vertices),
     );
     let (_, q) = measured(&broken, &again.expect("areas"));
     assert_good("broken", &q);

@@ -1,13 +1,11 @@
 //! Decomposition by slices, and its limits.
 
 use nalgebra::{Point2, Point3, Vector3};
-use pliant::fibres::attachment::{AreaSource, Attachment};
 use pliant::fibres::quality::measure;
-use pliant::fibres::slices::contour::Slicer;
-use pliant::fibres::slices::coordinates::{Outline, on_square};
-use pliant::fibres::slices::{Options, SlicesError, decompose, grid};
-use pliant::fibres::solid::Closed;
-use pliant::fibres::template::Template;
+use pliant::fibres::slices::{
+    Outline, SliceOptions, Slicer, SlicesError, decompose, grid, on_square,
+};
+use pliant::fibres::{AreaSource, Attachment, Closed, Template};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::box_surface;
 
@@ -17,7 +15,7 @@ use crate::tolerances::{T1, worst};
 #[test]
 fn a_cylinder_has_straight_parallel_fibres() {
     let (mesh, areas) = made(|p| *p);
-    let found = grid(&mesh, &areas, Template::Parallel, Options::default()).expect("fibres");
+    let found = grid(&mesh, &areas, Template::Parallel, SliceOptions::default()).expect("fibres");
     let fibres = found.fibres();
     let q = measure(
         &mesh,
@@ -47,7 +45,8 @@ fn a_cylinder_has_straight_parallel_fibres() {
 fn points_of_star_shaped_muscles_are_inside() {
     for amount in [0.0, 0.5, 1.0] {
         let (mesh, areas) = star(amount);
-        let found = grid(&mesh, &areas, Template::Parallel, Options::default()).expect("fibres");
+        let found =
+            grid(&mesh, &areas, Template::Parallel, SliceOptions::default()).expect("fibres");
         let q = measure(
             &mesh,
             &Closed::new(&mesh),
@@ -68,7 +67,7 @@ fn where_a_muscle_ends_in_a_point_all_fibres_do_and_it_is_measured() {
         let width = 0.5 - 4.99 * p.x;
         Point3::new(p.x, p.y * width, p.z * width)
     });
-    let found = grid(&mesh, &areas, Template::Parallel, Options::default()).expect("fibres");
+    let found = grid(&mesh, &areas, Template::Parallel, SliceOptions::default()).expect("fibres");
     let ends = found
         .fibres()
         .iter()
@@ -83,7 +82,7 @@ fn where_a_muscle_ends_in_a_point_all_fibres_do_and_it_is_measured() {
         found.jacobian(),
     );
     let (wide, other) = made(|p| *p);
-    let open = grid(&wide, &other, Template::Parallel, Options::default()).expect("fibres");
+    let open = grid(&wide, &other, Template::Parallel, SliceOptions::default()).expect("fibres");
     let of_wide = measure(
         &wide,
         &Closed::new(&wide),
@@ -106,7 +105,7 @@ fn where_a_muscle_ends_in_a_point_all_fibres_do_and_it_is_measured() {
         AreaSource::Vertices(&side),
     )
     .expect("areas");
-    let found = grid(&wide, &areas, Template::Parallel, Options::default()).expect("fibres");
+    let found = grid(&wide, &areas, Template::Parallel, SliceOptions::default()).expect("fibres");
     let q = measure(
         &wide,
         &Closed::new(&wide),
@@ -120,11 +119,12 @@ fn where_a_muscle_ends_in_a_point_all_fibres_do_and_it_is_measured() {
 #[test]
 fn surfaces_that_are_none_are_cut_all_the_same() {
     let (mesh, areas) = made(|p| *p);
-    let whole = decompose(&mesh, &areas, Template::Parallel, Options::default()).expect("fibres");
+    let whole =
+        decompose(&mesh, &areas, Template::Parallel, SliceOptions::default()).expect("fibres");
     let length = |fibres: &[Vec<Point3<f64>>]| {
         fibres
             .iter()
-            .map(|f| pliant::fibres::polyline::length(f))
+            .map(|f| pliant::fibres::length(f))
             .sum::<f64>()
             / fibres.len() as f64
     };
@@ -139,7 +139,8 @@ fn surfaces_that_are_none_are_cut_all_the_same() {
     broken.triangles.extend([mesh.triangles[40]; 2]);
     let ends = [&areas.origin, &areas.insertion].map(|a| AreaSource::Vertices(&a.vertices));
     let again = Attachment::new(&broken, ends[0], ends[1]).expect("areas");
-    let found = decompose(&broken, &again, Template::Parallel, Options::default()).expect("fibres");
+    let found =
+        decompose(&broken, &again, Template::Parallel, SliceOptions::default()).expect("fibres");
     assert_eq!(found.len(), 100);
     assert!(
         (length(&found) / length(&whole) - 1.0).abs() <= 0.05,
@@ -148,7 +149,7 @@ fn surfaces_that_are_none_are_cut_all_the_same() {
     );
     let (ring, ends) = ring_torus();
     assert_eq!(
-        decompose(&ring, &ends, Template::Parallel, Options::default())
+        decompose(&ring, &ends, Template::Parallel, SliceOptions::default())
             .expect("fibres")
             .len(),
         100
@@ -173,7 +174,7 @@ fn surfaces_that_are_none_are_cut_all_the_same() {
         &two,
         &across.expect("areas"),
         Template::Parallel,
-        Options::default(),
+        SliceOptions::default(),
     )
     .expect_err("refused");
     assert!(
@@ -186,8 +187,13 @@ fn surfaces_that_are_none_are_cut_all_the_same() {
 fn what_has_no_axis_or_no_grid_is_refused() {
     let (mesh, areas) = made(|p| *p);
     for (count, points) in [(0, 15), (100, 1)] {
-        let error = decompose(&mesh, &areas, Template::Parallel, Options { count, points })
-            .expect_err("refused");
+        let error = decompose(
+            &mesh,
+            &areas,
+            Template::Parallel,
+            SliceOptions { count, points },
+        )
+        .expect_err("refused");
         assert_eq!(error, SlicesError::TooFew { count, points });
     }
     // Both bands are around the middle of the tube: one of two halves, one between.
@@ -204,7 +210,7 @@ fn what_has_no_axis_or_no_grid_is_refused() {
         AreaSource::Vertices(&outer),
     )
     .expect("areas");
-    let error = decompose(&mesh, &both, Template::Parallel, Options::default());
+    let error = decompose(&mesh, &both, Template::Parallel, SliceOptions::default());
     if let Err(error) = &error {
         assert!(
             matches!(error, SlicesError::NoAxis { distance, .. } if *distance <= 1e-9),
@@ -300,7 +306,7 @@ fn turned_and_moved_muscles_have_turned_and_moved_fibres() {
     let mut moved = mesh.clone();
     moved.vertices.iter_mut().for_each(|p| *p = turn * *p);
     let [one, other] = [&mesh, &moved]
-        .map(|m| decompose(m, &areas, Template::Pennate, Options::default()).expect("fibres"));
+        .map(|m| decompose(m, &areas, Template::Pennate, SliceOptions::default()).expect("fibres"));
     let off = one
         .iter()
         .flatten()

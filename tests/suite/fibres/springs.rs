@@ -1,26 +1,22 @@
 //! Decomposition by springs.
 
 use nalgebra::{Point3, Vector3};
-use pliant::fibres::attachment::Attachment;
 use pliant::fibres::quality::measure;
-use pliant::fibres::solid::Closed;
-use pliant::fibres::springs::network::{rest, springs};
-use pliant::fibres::springs::{Options, SpringsError, decompose, grid};
-use pliant::fibres::template::{Grid, Sampling, Template};
+use pliant::fibres::springs::{SpringOptions, SpringsError, decompose, grid, rest, springs};
+use pliant::fibres::{Attachment, Closed, Grid, Sampling, Template};
 use pliant::mesh::TriangleMesh;
 use pliant::morph::SphereError;
-use pliant::springs::damping::{Body, estimate};
-use pliant::springs::hooke::{Hooke, Springs};
+use pliant::springs::damping::{DampedBody, estimate};
 use pliant::springs::integrators::{Integrator, Verlet};
-use pliant::springs::rest::{End, Rest, settle};
-use pliant::springs::stability::{limit, stiffest};
-use pliant::springs::{Neighbours, SpringSystem};
+use pliant::springs::{
+    Hooke, Neighbours, RestEnd, RestSettings, SpringSystem, Springs, limit, settle, stiffest,
+};
 
 use super::{made, ring_torus, star};
 use crate::tolerances::{T1, worst};
 
 fn plain(mesh: &TriangleMesh, areas: &Attachment) -> Grid {
-    grid(mesh, areas, Template::Parallel, Options::default()).expect("fibres")
+    grid(mesh, areas, Template::Parallel, SpringOptions::default()).expect("fibres")
 }
 
 #[test]
@@ -89,7 +85,7 @@ fn inner_points_are_in_the_middle_of_their_springs() {
 fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
     let (mesh, areas) = made(|p| Point3::new(p.x, p.y + 2.0 * p.x * p.x, p.z));
     // Long enough to differ from zero: the cube has a side of 2 mm.
-    let options = Options {
+    let options = SpringOptions {
         count: 25,
         points: 5,
         side: 0.01,
@@ -97,7 +93,7 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
     let found = grid(&mesh, &areas, Template::Parallel, options).expect("fibres");
     let side = options.side * mesh.length();
     let net = springs(&found.sampling, Template::Parallel);
-    let law = |s: &pliant::fibres::springs::network::Spring| {
+    let law = |s: &pliant::fibres::springs::Spring| {
         (
             s.ends,
             Hooke {
@@ -110,7 +106,7 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
         &mesh,
         &areas,
         Template::Parallel,
-        Options {
+        SpringOptions {
             side: 0.0,
             ..options
         },
@@ -128,7 +124,7 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
             .map(|(p, _)| p),
     );
     // (7.2) for this size: springs with stiffness 1/l0 have a tension of 1 N per strain.
-    let body = Body {
+    let body = DampedBody {
         mass: 1.0,
         tension: 1.0,
         side,
@@ -137,7 +133,7 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
     system.damping = estimate(Neighbours::Six, body);
     let mut verlet = Verlet::default();
     let dt = 0.5 * limit(&verlet, &stiffest(&system));
-    let rest = Rest::share_of(&system, 1e-11);
+    let rest = RestSettings::share_of(&system, 1e-11);
     let settled = settle(
         &mut system,
         &mut verlet as &mut dyn Integrator,
@@ -146,7 +142,7 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
         20_000,
         |_, _| true,
     );
-    assert_eq!(settled.end, End::Rest, "{settled:?}");
+    assert_eq!(settled.end, RestEnd::Rest, "{settled:?}");
     let apart = worst(
         system
             .position
@@ -175,7 +171,7 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
         &mesh,
         &areas,
         Template::Parallel,
-        Options {
+        SpringOptions {
             side: 0.003,
             ..options
         },
@@ -240,7 +236,7 @@ fn points_of_star_shaped_muscles() {
 fn surfaces_that_are_no_sphere_are_refused_with_their_place() {
     let (mesh, areas) = made(|p| *p);
     let refused = |mesh: &TriangleMesh, areas: &Attachment| {
-        decompose(mesh, areas, Template::Parallel, Options::default()).expect_err("refused")
+        decompose(mesh, areas, Template::Parallel, SpringOptions::default()).expect_err("refused")
     };
     let mut open = mesh.clone();
     open.triangles.remove(mesh.triangles.len() / 2);
@@ -304,9 +300,9 @@ fn surfaces_that_are_no_sphere_are_refused_with_their_place() {
 #[test]
 fn options_that_make_no_grid_are_refused() {
     let (mesh, areas) = made(|p| *p);
-    let with = |options: Options| decompose(&mesh, &areas, Template::Curved, options);
+    let with = |options: SpringOptions| decompose(&mesh, &areas, Template::Curved, options);
     for (count, points) in [(0, 15), (100, 1)] {
-        let error = with(Options {
+        let error = with(SpringOptions {
             count,
             points,
             side: 0.0,
@@ -315,22 +311,22 @@ fn options_that_make_no_grid_are_refused() {
         assert_eq!(error, SpringsError::TooFew { count, points });
     }
     assert_eq!(
-        with(Options {
+        with(SpringOptions {
             side: -1.0,
-            ..Options::default()
+            ..SpringOptions::default()
         })
         .expect_err("refused"),
         SpringsError::Side(-1.0)
     );
     assert!(matches!(
-        with(Options {
+        with(SpringOptions {
             side: f64::NAN,
-            ..Options::default()
+            ..SpringOptions::default()
         }),
         Err(SpringsError::Side(_))
     ));
     assert_eq!(
-        with(Options {
+        with(SpringOptions {
             count: 7,
             points: 3,
             side: 0.0
@@ -340,9 +336,9 @@ fn options_that_make_no_grid_are_refused() {
         7
     );
     // Springs as long as the muscle are compressed and buckle.
-    let error = with(Options {
+    let error = with(SpringOptions {
         side: 1.0,
-        ..Options::default()
+        ..SpringOptions::default()
     })
     .expect_err("refused");
     assert!(matches!(error, SpringsError::NotAtRest { .. }), "{error}");

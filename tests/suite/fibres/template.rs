@@ -1,6 +1,6 @@
 //! Templates: their curves, grids and surfaces.
 
-use pliant::fibres::template::{Grid, Sampling, Template};
+use pliant::fibres::{Grid, Sampling, Template};
 use pliant::mesh::Topology;
 use pliant::springs::Neighbours;
 use pliant::springs::patterns::lattice;

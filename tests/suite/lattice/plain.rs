@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use pliant::simd::Number;
 use pliant::springs::Neighbours;
-use pliant::springs::lattice::{Lattice, Settings, Shape, Stiffness};
+use pliant::springs::lattice::{Lattice, LatticeSettings, LatticeShape, Stiffness};
 
 /// One spring of a list.
 pub struct Spring {
@@ -14,7 +14,7 @@ pub struct Spring {
 }
 
 /// Springs between all pairs of neighbours, found by a search of all offsets of all points.
-pub fn springs(shape: &Shape, settings: &Settings) -> Vec<Spring> {
+pub fn springs(shape: &LatticeShape, settings: &LatticeSettings) -> Vec<Spring> {
     let [nx, ny, _] = shape.points;
     let number = |[i, j, k]: [usize; 3]| (k * ny + j) * nx + i;
     let mut all = Vec::new();

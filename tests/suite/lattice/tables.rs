@@ -5,7 +5,9 @@
 //! move of at least 6.3e-7. The rows of 10^3 and 20^3 points and those of 26 neighbours come from
 //! another, unknown disturbance.
 
-use super::{BOTH, Lattice, Neighbours, Number, Rest, Settings, Shape};
+use super::{
+    BOTH, Lattice, LatticeRestSettings, LatticeSettings, LatticeShape, Neighbours, Number,
+};
 
 const MASSES: [f64; 7] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125];
 
@@ -65,17 +67,18 @@ fn shrink<F: Number>(lattice: &mut Lattice<F>) {
 }
 
 fn steps(mass: f64, damping: f64) -> u64 {
-    let settings = Settings {
+    let settings = LatticeSettings {
         mass,
         damping: Some(damping),
         time_step: Some(0.01),
-        ..Settings::new(Neighbours::Six)
+        ..LatticeSettings::new(Neighbours::Six)
     };
-    let mut lattice = Lattice::<f64>::new(Shape::unit_cube(5), settings).expect("a stable lattice");
+    let mut lattice =
+        Lattice::<f64>::new(LatticeShape::unit_cube(5), settings).expect("a stable lattice");
     shrink(&mut lattice);
     // More than half a period of the slowest mode, 581 steps with the greatest mass.
     let settled = lattice
-        .until_rest(&Rest {
+        .until_rest(&LatticeRestSettings {
             threshold: 6.3e-7,
             quiet: 700,
             limit: 20_000,
@@ -134,11 +137,11 @@ fn the_rows_of_best_and_estimated_damping() {
 fn the_estimate_of_damping() {
     for (n, printed) in ESTIMATES {
         for (mass, printed) in MASSES.into_iter().zip(printed) {
-            let found = Settings {
+            let found = LatticeSettings {
                 mass,
-                ..Settings::new(Neighbours::Six)
+                ..LatticeSettings::new(Neighbours::Six)
             }
-            .damping_estimate(&Shape::unit_cube(n));
+            .damping_estimate(&LatticeShape::unit_cube(n));
             assert!(
                 (found - printed).abs() <= 0.01,
                 "{n}, mass {mass}: {found} instead of {printed}"
@@ -147,22 +150,25 @@ fn the_estimate_of_damping() {
     }
     // Mean c^2 / (8 m) of table 7.5 for 26 neighbours.
     for (n, fit) in [(5, 11.09), (10, 10.54), (20, 9.78)] {
-        let found = Settings::new(Neighbours::TwentySix).damping_estimate(&Shape::unit_cube(n));
+        let found = LatticeSettings::new(Neighbours::TwentySix)
+            .damping_estimate(&LatticeShape::unit_cube(n));
         assert!(
             (found / f64::sqrt(8.0 * fit) - 1.0).abs() <= 0.02,
             "{n}: {found}"
         );
     }
     // A cube of side 0.2 needs more, as erratum M13 has found.
-    let cube = Shape::unit_cube(5);
-    let small = Shape {
+    let cube = LatticeShape::unit_cube(5);
+    let small = LatticeShape {
         spacing: cube.spacing.map(|h| 0.2 * h),
         ..cube
     };
-    assert!((Settings::new(Neighbours::Six).damping_estimate(&small) - 10.954).abs() <= 1e-3);
+    assert!(
+        (LatticeSettings::new(Neighbours::Six).damping_estimate(&small) - 10.954).abs() <= 1e-3
+    );
     for neighbours in BOTH {
         assert_eq!(
-            Settings::new(neighbours).damping_estimate(&Shape::unit_cube(1)),
+            LatticeSettings::new(neighbours).damping_estimate(&LatticeShape::unit_cube(1)),
             0.0
         );
     }

@@ -4,12 +4,11 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
 use pliant::morph::align::AlignError;
 use pliant::morph::blend::{Path, hermite, turning};
-use pliant::morph::correspondence::{
-    Alike, Correspondence, CorrespondenceError, Method, Settings, Shared,
+use pliant::morph::sphere::{Relaxation, SphereError, flipped};
+use pliant::morph::{
+    Alike, Correspondence, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings,
+    Shared, Start,
 };
-use pliant::morph::pose::Start;
-use pliant::morph::sphere::relaxation::Relaxation;
-use pliant::morph::sphere::{SphereError, flipped};
 
 use super::{bent, stretched, tube};
 use crate::tolerances::{T9, T18, worst};
@@ -18,7 +17,7 @@ fn between(
     first: &TriangleMesh,
     second: &TriangleMesh,
     pairs: &[[u32; 2]],
-    settings: &Settings,
+    settings: &CorrespondenceSettings,
 ) -> Correspondence {
     Correspondence::new([first, second], pairs, settings, &pliant::progress::Silent)
         .unwrap_or_else(|e| panic!("{e}"))
@@ -37,7 +36,7 @@ fn lopsided(subdivisions: u32) -> TriangleMesh {
 #[test]
 fn both_ends_are_met_and_numbers_are_carried() {
     let (first, second) = (bent(2, 6.0, 2.0), tube(12, 20, 12.0));
-    let both = between(&first, &second, &[], &Settings::default());
+    let both = between(&first, &second, &[], &CorrespondenceSettings::default());
     let counts = [first.vertices.len(), second.vertices.len()];
     assert_eq!(both.places[0][..counts[0]], first.vertices);
     assert_eq!(
@@ -84,16 +83,16 @@ fn the_first_topology_loses_what_the_merged_one_keeps() {
         &first,
         &second,
         &[],
-        &Settings {
+        &CorrespondenceSettings {
             shared: Shared::First,
-            ..Settings::default()
+            ..CorrespondenceSettings::default()
         },
     );
     assert_eq!(
         (own.places[0].as_slice(), own.triangles.as_slice()),
         (&first.vertices[..], &first.triangles[..])
     );
-    let all = between(&first, &second, &[], &Settings::default());
+    let all = between(&first, &second, &[], &CorrespondenceSettings::default());
     let volume =
         |b: &Correspondence| measures::volume(&b.places[1], &b.triangles) / second.volume();
     assert!(
@@ -121,9 +120,9 @@ fn a_turned_copy_is_found_and_one_as_it_is_placed() {
             &first,
             second,
             &[],
-            &Settings {
+            &CorrespondenceSettings {
                 shared: Shared::First,
-                ..Settings::default()
+                ..CorrespondenceSettings::default()
             },
         );
         let off = worst(
@@ -168,9 +167,9 @@ fn pairs_meet_exactly() {
                 &first,
                 &second,
                 &pairs[..count],
-                &Settings {
+                &CorrespondenceSettings {
                     shared,
-                    ..Settings::default()
+                    ..CorrespondenceSettings::default()
                 },
             );
             // Two coincident vertices are no general position: the overlay rotates a map slightly.
@@ -196,13 +195,14 @@ fn pairs_meet_exactly() {
 #[test]
 fn what_cannot_be_brought_together_is_refused() {
     let ball = stretched(1, 1.0);
-    let refused = |meshes: [&TriangleMesh; 2], pairs: &[[u32; 2]], settings: &Settings| {
-        Correspondence::new(meshes, pairs, settings, &pliant::progress::Silent)
-            .expect_err("refused")
-    };
+    let refused =
+        |meshes: [&TriangleMesh; 2], pairs: &[[u32; 2]], settings: &CorrespondenceSettings| {
+            Correspondence::new(meshes, pairs, settings, &pliant::progress::Silent)
+                .expect_err("refused")
+        };
     let mut out = ball.clone();
     out.triangles.iter_mut().for_each(|t| t.swap(0, 1));
-    let plain = Settings::default();
+    let plain = CorrespondenceSettings::default();
     assert!(
         matches!(refused([&ball, &out], &[], &plain), CorrespondenceError::InsideOut { side: 1, volume } if volume < -3.0)
     );
@@ -243,8 +243,8 @@ fn what_cannot_be_brought_together_is_refused() {
         threshold: 1e-6,
         ..Relaxation::default()
     };
-    let long = Settings {
-        method: Method::Relaxation(relaxed),
+    let long = CorrespondenceSettings {
+        method: CorrespondenceMethod::Relaxation(relaxed),
         ..plain
     };
     let error = refused([&ball, &tube(16, 200, 70.0)], &[], &long);
@@ -314,9 +314,9 @@ fn halfway(
         first,
         second,
         &[],
-        &Settings {
+        &CorrespondenceSettings {
             alike,
-            ..Settings::default()
+            ..CorrespondenceSettings::default()
         },
     );
     assert!(

@@ -5,10 +5,8 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
 use pliant::morph::align::{self, AlignError, Moving};
 use pliant::morph::blend::{BlendError, Laplacian, hermite, linear};
-use pliant::morph::locate::Locator;
-use pliant::morph::overlay::{Origin, OverlayError, arcs_cross};
 use pliant::morph::sphere::{flipped, turn};
-use pliant::morph::{Overlay, SphereMap};
+use pliant::morph::{Locator, Overlay, OverlayError, OverlayOrigin, SphereMap, arcs_cross};
 use pliant::testing::Draw;
 
 use super::{bent, stretched, tube};
@@ -194,8 +192,8 @@ fn overlays_hold_both_surfaces() {
                 overlay.turned
             );
             assert_overlay(&overlay, first, second);
-            let between = |o: &Origin| match o {
-                Origin::Crossing {
+            let between = |o: &OverlayOrigin| match o {
+                OverlayOrigin::Crossing {
                     along_first,
                     along_second,
                     ..

@@ -3,9 +3,10 @@
 use crate::tolerances::{T9, T18, T19, T20, worst};
 use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::morph::register::fit::draws_needed;
-use pliant::morph::register::icp::{Measure, PairWeight, Reject, Select};
-use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface, fit};
+use pliant::morph::register::{
+    FitMotion, Icp, Measure, NonRigid, PairWeight, Ransac, RegisterError, RegistrationSurface,
+    Reject, Select, draws_needed, fit,
+};
 use pliant::testing::Draw;
 
 /// Mean number of draws of `count` points until all are good, if a share `good` of the points is: w^-N.
@@ -62,10 +63,10 @@ fn m09_m11_draws_for_a_probability() {
     }
 }
 
-fn motion(draw: &mut Draw, kind: Motion) -> Similarity3<f64> {
+fn motion(draw: &mut Draw, kind: FitMotion) -> Similarity3<f64> {
     let rotation = UnitQuaternion::from_rotation_matrix(&draw.rotation());
     let shift = draw.direction() * draw.between(0.0, 3.0);
-    let scale = if kind == Motion::Similarity {
+    let scale = if kind == FitMotion::Similarity {
         draw.between(0.5, 2.0)
     } else {
         1.0
@@ -76,7 +77,7 @@ fn motion(draw: &mut Draw, kind: Motion) -> Similarity3<f64> {
 #[test]
 fn a_fit_is_exact_where_there_is_an_exact_one() {
     let mut draw = Draw::new(2);
-    for kind in [Motion::Rigid, Motion::Similarity] {
+    for kind in [FitMotion::Rigid, FitMotion::Similarity] {
         for _ in 0..100 {
             let known = motion(&mut draw, kind);
             let from: Vec<Point3<f64>> = (0..10).map(|_| Point3::from(draw.direction())).collect();
@@ -90,8 +91,8 @@ fn a_fit_is_exact_where_there_is_an_exact_one() {
         }
     }
     let p = Point3::origin();
-    assert_eq!(fit(&[p, p], &[p, p], &[1.0, 1.0], Motion::Rigid), None);
-    assert_eq!(fit(&[p], &[p], &[0.0], Motion::Rigid), None);
+    assert_eq!(fit(&[p, p], &[p, p], &[1.0, 1.0], FitMotion::Rigid), None);
+    assert_eq!(fit(&[p], &[p], &[0.0], FitMotion::Rigid), None);
 }
 
 /// A body without symmetry.
@@ -154,8 +155,8 @@ fn every_way_through_the_six_stages_ends_at_the_known_motion() {
         ..fixed.clone()
     };
     let (a, b) = (
-        Surface::new(&moving).expect("a surface"),
-        Surface::new(&fixed).expect("a surface"),
+        RegistrationSurface::new(&moving).expect("a surface"),
+        RegistrationSurface::new(&fixed).expect("a surface"),
     );
     let base = Icp {
         rounds: 400,
@@ -201,7 +202,7 @@ fn every_way_through_the_six_stages_ends_at_the_known_motion() {
         (
             "size",
             Icp {
-                motion: Motion::Similarity,
+                motion: FitMotion::Similarity,
                 ..base
             },
         ),
@@ -252,7 +253,7 @@ fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
     let mut draw = Draw::new(11);
     let mut recovered = 0;
     for seed in 0..3 {
-        let known = motion(&mut draw, Motion::Similarity);
+        let known = motion(&mut draw, FitMotion::Similarity);
         let mut moving = TriangleMesh {
             vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(),
             ..other.clone()
@@ -269,11 +270,11 @@ fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
             moving.triangles.push([first, first + 1, first + 2]);
         }
         let (a, b) = (
-            Surface::new(&moving).expect("a surface"),
-            Surface::new(&fixed).expect("a surface"),
+            RegistrationSurface::new(&moving).expect("a surface"),
+            RegistrationSurface::new(&fixed).expect("a surface"),
         );
         let search = Ransac {
-            motion: Motion::Similarity,
+            motion: FitMotion::Similarity,
             good: 0.25,
             seed,
             ..Ransac::default()
@@ -282,7 +283,7 @@ fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
             .start(&a, &b)
             .unwrap_or_else(|e| panic!("seed {seed}: {e}"));
         let icp = Icp {
-            motion: Motion::Similarity,
+            motion: FitMotion::Similarity,
             rounds: 200,
             ..Icp::default()
         };
@@ -321,7 +322,7 @@ fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
             .count() as f64
             / other.vertices.len() as f64;
         assert!(shared <= 0.4, "{shared}");
-        let known = motion(&mut draw, Motion::Similarity);
+        let known = motion(&mut draw, FitMotion::Similarity);
         let clean: Vec<Point3<f64>> = other.vertices.iter().map(|p| known.inverse() * p).collect();
         let mut moving = TriangleMesh {
             vertices: clean.clone(),
@@ -336,11 +337,11 @@ fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
         }
         assert!(thrown as f64 > 0.17 * clean.len() as f64);
         let (a, b) = (
-            Surface::new(&moving).expect("a surface"),
-            Surface::new(&fixed).expect("a surface"),
+            RegistrationSurface::new(&moving).expect("a surface"),
+            RegistrationSurface::new(&fixed).expect("a surface"),
         );
         let search = Ransac {
-            motion: Motion::Similarity,
+            motion: FitMotion::Similarity,
             good: 0.25,
             seed,
             ..Ransac::default()
@@ -349,7 +350,7 @@ fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
             .start(&a, &b)
             .unwrap_or_else(|e| panic!("level {level}, seed {seed}: {e}"));
         let icp = Icp {
-            motion: Motion::Similarity,
+            motion: FitMotion::Similarity,
             rounds: 200,
             ..Icp::default()
         };
@@ -387,15 +388,15 @@ fn a_bent_body_is_bent_back() {
         ..straight.clone()
     };
     let (a, b) = (
-        Surface::new(&moving).expect("a surface"),
-        Surface::new(&fixed).expect("a surface"),
+        RegistrationSurface::new(&moving).expect("a surface"),
+        RegistrationSurface::new(&fixed).expect("a surface"),
     );
     let rigid = Icp::default()
         .run(&a, &b, &Similarity3::identity())
         .expect("a motion");
     let start: Vec<Point3<f64>> = moving.vertices.iter().map(|p| rigid.motion * p).collect();
     let from = |x: &[Point3<f64>]| {
-        let tree = pliant::mesh::closest::SurfaceTree::new(&fixed.vertices, &fixed.triangles);
+        let tree = pliant::mesh::SurfaceTree::new(&fixed.vertices, &fixed.triangles);
         let squares = x.iter().map(|p| {
             tree.closest(p, f64::INFINITY)
                 .map_or(f64::NAN, |c| c.distance.powi(2))
@@ -448,7 +449,7 @@ fn a_bent_body_is_bent_back() {
 #[test]
 fn what_cannot_be_registered_is_refused() {
     let ball = shapes::icosphere(1.0, 1);
-    let refused = |mesh: &TriangleMesh| Surface::new(mesh).err().expect("no surface");
+    let refused = |mesh: &TriangleMesh| RegistrationSurface::new(mesh).err().expect("no surface");
     assert_eq!(
         refused(&TriangleMesh::default()),
         RegisterError::TooFew {
@@ -464,7 +465,7 @@ fn what_cannot_be_registered_is_refused() {
     let mut none = ball.clone();
     none.vertices[7].x = f64::NAN;
     assert!(refused(&none).to_string().contains("vertex 7"));
-    let surface = Surface::new(&ball).expect("a surface");
+    let surface = RegistrationSurface::new(&ball).expect("a surface");
     let far = Similarity3::new(Vector3::new(100.0, 0.0, 0.0), Vector3::zeros(), 1.0);
     let strict = Icp {
         reject: Reject::Beyond(0.1),
@@ -480,7 +481,7 @@ fn what_cannot_be_registered_is_refused() {
     );
     // A ball and a thin box: no registration brings a third of the ball onto the box.
     let thin = shapes::box_surface([1.0, 0.01, 0.01], 0.1);
-    let thin = Surface::new(&thin).expect("a surface");
+    let thin = RegistrationSurface::new(&thin).expect("a surface");
     let error = Ransac::default()
         .start(&surface, &thin)
         .expect_err("no start");

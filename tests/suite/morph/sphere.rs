@@ -4,11 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
-use pliant::mesh::inside::Inside;
-use pliant::mesh::{TriangleMesh, measures, shapes};
-use pliant::morph::sphere::centre::{bounding_sphere, inside_near};
-use pliant::morph::sphere::relaxation::Relaxation;
-use pliant::morph::sphere::{check, flipped, solid_angle};
+use pliant::mesh::{Inside, TriangleMesh, measures, shapes};
+use pliant::morph::sphere::{
+    Relaxation, bounding_sphere, check, flipped, inside_near, solid_angle,
+};
 use pliant::morph::{Distortion, SphereError, SphereMap};
 use pliant::testing::Draw;
 

@@ -1,7 +1,7 @@
 //! Chains at rest: suspended at one end, and the catenary.
 
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::{Distance, Order};
+use pliant::constraints::{Distance, SweepOrder};
 use pliant::particles::Particles;
 use pliant::solvers::System;
 
@@ -156,7 +156,7 @@ fn settled(n: usize, gravity: Vector3<f64>, dt: f64) -> Vec<Point3<f64>> {
     let all = links(n, LENGTH / n as f64, 1.0).0;
     system
         .elastic
-        .push(Box::new(batch(all, 0.0, Order::Stored, n + 1)));
+        .push(Box::new(batch(all, 0.0, SweepOrder::Stored, n + 1)));
     let steps = (10.0 / dt) as usize;
     (0..steps).for_each(|_| system.step(&[], dt).expect("finite"));
     system.particles.position

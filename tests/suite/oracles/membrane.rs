@@ -1,7 +1,7 @@
 //! Spring networks against membranes: a lattice under tension, a balloon.
 
 use nalgebra::{Matrix2, Point3, Vector3};
-use pliant::constraints::{Batch, Distance, EnclosedVolume, Order};
+use pliant::constraints::{Batch, Distance, EnclosedVolume, SweepOrder};
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::Particles;
@@ -60,8 +60,13 @@ fn network(mesh: &TriangleMesh, iterations: u32) -> System {
         Particles::at_rest(mesh.vertices.clone(), vec![1.0; count]),
         settings(iterations),
     );
-    let batch =
-        Batch::<Distance, 2>::new(all, stiffness::compliance(&k), Order::Coloured, count, &[]);
+    let batch = Batch::<Distance, 2>::new(
+        all,
+        stiffness::compliance(&k),
+        SweepOrder::Coloured,
+        count,
+        &[],
+    );
     system.elastic.push(Box::new(batch));
     system
 }

@@ -1,12 +1,10 @@
 //! Bodies of edges and hinges that the crate's equilibrium solvers bring to equilibrium.
 
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::Quadratic;
-use pliant::constraints::{Bending, Distance, EnclosedVolume};
-use pliant::solvers::descent::{Outcome, Settings, Unguarded};
-use pliant::solvers::energy::{Energy, Inertia};
-use pliant::solvers::newton::Newton;
-use pliant::solvers::quasi_static::QuasiStatic;
+use pliant::constraints::{Bending, Distance, EnclosedVolume, Quadratic};
+use pliant::solvers::{
+    DescentOutcome, DescentSettings, Energy, Inertia, Newton, QuasiStatic, Unguarded,
+};
 
 use crate::tolerances::{T17, worst};
 
@@ -74,7 +72,7 @@ impl Body {
         // The anchor moves with the point, so its remaining force falls by its share of the
         // stiffness each time.
         for _ in 0..if self.anchor > 0.0 { 3 } else { 1 } {
-            let settings = Settings {
+            let settings = DescentSettings {
                 tolerance: 0.0,
                 iterations: 200,
             };
@@ -87,8 +85,8 @@ impl Body {
     }
 
     /// Equilibrium by the constant matrix, with a conserved volume.
-    pub fn inflate(&self, x: &mut [Point3<f64>], volume: EnclosedVolume) -> Outcome {
-        let settings = Settings {
+    pub fn inflate(&self, x: &mut [Point3<f64>], volume: EnclosedVolume) -> DescentOutcome {
+        let settings = DescentSettings {
             tolerance: 0.0,
             iterations: 2000,
         };

@@ -1,7 +1,7 @@
 //! Number of sweeps for each visiting order (P41): a report, and the one claim that holds.
 
 use nalgebra::Point3;
-use pliant::constraints::{Batch, Distance, Order, Project};
+use pliant::constraints::{Batch, Distance, Project, SweepOrder};
 use pliant::particles::Particles;
 use pliant::testing::Draw;
 
@@ -18,7 +18,7 @@ fn visits() -> Vec<(&'static str, Vec<Batch<Distance, 2>>)> {
             rest: 1.0,
         })
         .collect();
-    let make = |all: &[Distance], order: Order| {
+    let make = |all: &[Distance], order: SweepOrder| {
         Batch::<Distance, 2>::new(
             all.to_vec(),
             vec![0.0; all.len()],
@@ -32,13 +32,13 @@ fn visits() -> Vec<(&'static str, Vec<Batch<Distance, 2>>)> {
     (1..shuffled.len())
         .rev()
         .for_each(|i| shuffled.swap(i, draw.index(i + 1)));
-    let driven = make(&links, Order::Stored);
-    let free = make(&links, Order::Reversed);
+    let driven = make(&links, SweepOrder::Stored);
+    let free = make(&links, SweepOrder::Reversed);
     vec![
         ("from the driven end", vec![driven.clone()]),
         ("from the free end", vec![free.clone()]),
-        ("coloured", vec![make(&links, Order::Coloured)]),
-        ("random", vec![make(&shuffled, Order::Stored)]),
+        ("coloured", vec![make(&links, SweepOrder::Coloured)]),
+        ("random", vec![make(&shuffled, SweepOrder::Stored)]),
         ("alternating", vec![driven, free]),
     ]
 }

@@ -4,17 +4,11 @@
 use std::f64::consts::PI;
 
 use nalgebra::Point3;
-use pliant::constraints::EnclosedVolume;
-use pliant::constraints::Quadratic;
-use pliant::constraints::distance::Distance;
+use pliant::constraints::{Distance, EnclosedVolume, Quadratic};
 use pliant::mesh::measures::area;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::Shape;
-use pliant::skin::implant::{Implant, SILICONE, upper};
-use pliant::skin::layers::springs_of;
-use pliant::solvers::descent::Settings;
-use pliant::solvers::energy::Energy;
-use pliant::solvers::newton::Newton;
+use pliant::skin::{BaseShape, Implant, SILICONE, springs_of, upper};
+use pliant::solvers::{DescentSettings, Energy, Newton};
 
 /// Rings of the membrane, and radius of the circle [m].
 const RINGS: u32 = 20;
@@ -41,7 +35,7 @@ type Closed = (Vec<Point3<f64>>, Vec<[u32; 3]>, Vec<[u32; 3]>);
 /// A flat membrane closed by a flat base.
 fn flat() -> Closed {
     let implant = Implant {
-        shape: Shape::Round,
+        shape: BaseShape::Round,
         base: 2.0 * RADIUS,
         volume: 1e-12,
         membrane: SILICONE,
@@ -96,7 +90,7 @@ fn inflate(
     energy.volumes[0]
         .retract(x, &field)
         .expect("a volume to reach");
-    let settings = Settings {
+    let settings = DescentSettings {
         tolerance: 1e-8,
         iterations: 100,
     };

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use pliant::contact::Surface;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::plan::{Inserted, Place, PreparedPatch};
-use pliant::skin::whole::Whole;
-use pliant::skin::{ImplantSpec, Shape, SkinError, insert};
+use pliant::skin::{
+    BaseShape, ImplantPlace, ImplantSpec, Inserted, PreparedPatch, SkinError, Whole, insert,
+};
 
 /// A mesh of the data set in metres; `None`, with a printed message, where it is missing.
 fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
@@ -84,7 +84,11 @@ fn a_breast_takes_an_implant_of_fourteen_centimetres() {
     let Some(body) = read("body/body_quads.obj", 0.1) else {
         return;
     };
-    let order = ImplantSpec::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
+    let order = ImplantSpec::round(
+        ImplantPlace::Point(Point3::new(0.070, 0.377, 0.160)),
+        0.14,
+        300e-6,
+    );
     let (ready, _) = settled(&body, &order, &[]);
     // The body is closed, also with the refined patch.
     let whole = Topology::new(&Whole::of(&body, &[&ready]).mesh);
@@ -99,13 +103,17 @@ fn in_a_fold_nothing_sinks_into_anything() {
     let Some(body) = read("body/body_quads.obj", 0.1) else {
         return;
     };
-    let groin = ImplantSpec::round(Place::Point(Point3::new(0.02, -0.05, 0.05)), 0.05, 50e-6);
+    let groin = ImplantSpec::round(
+        ImplantPlace::Point(Point3::new(0.02, -0.05, 0.05)),
+        0.05,
+        50e-6,
+    );
     settled(&body, &groin, &[]);
     let Some(face) = read("fran_cut.vtk", 1.0) else {
         return;
     };
-    let mut crescent = ImplantSpec::round(Place::Vertex(900), 0.025, 3e-6);
-    crescent.implant.shape = Shape::Crescent;
+    let mut crescent = ImplantSpec::round(ImplantPlace::Vertex(900), 0.025, 3e-6);
+    crescent.implant.shape = BaseShape::Crescent;
     crescent.tissue.depth = 2e-3;
     settled(&face, &crescent, &[]);
 }
@@ -148,7 +156,11 @@ fn the_scalp_stays_outside_the_skull() {
         return;
     };
     let bones = bones();
-    let mut order = ImplantSpec::round(Place::Point(Point3::new(0.035, 1.71, -0.03)), 0.03, 8e-6);
+    let mut order = ImplantSpec::round(
+        ImplantPlace::Point(Point3::new(0.035, 1.71, -0.03)),
+        0.03,
+        8e-6,
+    );
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
     let depth = depth_in(&ready, &bones, &done.x);
@@ -169,7 +181,7 @@ fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
     };
     let bones = bones();
     // A centimetre away from the suture.
-    let mut order = ImplantSpec::round(Place::Vertex(60), 0.03, 8e-6);
+    let mut order = ImplantSpec::round(ImplantPlace::Vertex(60), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
     assert!(depth_in(&ready, &bones, &done.x) <= 1e-3 * order.implant.base);
@@ -181,13 +193,13 @@ fn a_face_takes_an_implant_where_it_is_flat_enough() {
         return;
     };
     let cheek = ImplantSpec::round(
-        Place::Point(Point3::new(0.0893, -0.1536, -0.0409)),
+        ImplantPlace::Point(Point3::new(0.0893, -0.1536, -0.0409)),
         0.03,
         5e-6,
     );
     settled(&face, &cheek, &[]);
     // Over the nose the skin curves away beside the implant; the error names the remedy.
-    let nose = ImplantSpec::round(Place::Vertex(1007), 0.04, 5e-6);
+    let nose = ImplantSpec::round(ImplantPlace::Vertex(1007), 0.04, 5e-6);
     let error = insert(&face, &nose, &[], |_| true).expect_err("no place for it");
     assert!(matches!(error, SkinError::TooCurved { .. }), "{error}");
     assert!(error.help().contains("flatter place"));

@@ -1,10 +1,9 @@
 //! Several implants under a common skin.
 
 use nalgebra::Point3;
-use pliant::skin::plan::{Inserted, Place, PreparedPatch};
-use pliant::skin::settle::deepest;
-use pliant::skin::together::{Group, grouped};
-use pliant::skin::{ImplantSpec, SkinError};
+use pliant::skin::{
+    Group, ImplantPlace, ImplantSpec, Inserted, PreparedPatch, SkinError, deepest, grouped,
+};
 
 use super::shapes::sheet;
 use super::sunk;
@@ -15,7 +14,7 @@ const BASE: f64 = 0.03;
 /// Orders of round implants at places along x [m] of a sheet, with volumes [m^3].
 fn orders(at: &[(f64, f64)]) -> Vec<ImplantSpec> {
     let order = |&(x, volume): &(f64, f64)| {
-        let place = Place::Point(Point3::new(x, 0.0, 0.0));
+        let place = ImplantPlace::Point(Point3::new(x, 0.0, 0.0));
         ImplantSpec {
             edge: Some(2.5e-3),
             ..ImplantSpec::round(place, BASE, volume)
@@ -160,7 +159,7 @@ fn implants_in_one_another_are_refused() {
 fn no_skin_is_in_two_groups() {
     // The joint patch of the first two has longer edges than that of the second alone, and meets the third where that did not.
     let order = |x: f64, y: f64, base: f64| {
-        let place = Place::Point(Point3::new(x, y, 0.0));
+        let place = ImplantPlace::Point(Point3::new(x, y, 0.0));
         ImplantSpec::round(place, base, 0.05 * base * base * base)
     };
     let skin = sheet(80, 0.2);

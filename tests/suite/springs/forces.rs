@@ -1,18 +1,13 @@
 //! Every force compared with its own energy, and changes that must not change its bits.
 
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::spring::SpringLaw;
-use pliant::mesh::shapes;
-use pliant::mesh::topology::Topology;
-use pliant::springs::anchors;
-use pliant::springs::angular::{AngularSpring, angular_springs};
-use pliant::springs::buckling::{Buckling, Strips};
-use pliant::springs::hooke::{Hooke, Springs};
-use pliant::springs::lattice::Shape;
-use pliant::springs::pairs::PairError;
-use pliant::springs::patterns;
-use pliant::springs::volume::{CentreSprings, TrueVolume, VolumeError};
-use pliant::springs::{Force, Neighbours, SpringSystem, SystemError};
+use pliant::constraints::SpringLaw;
+use pliant::mesh::{Topology, shapes};
+use pliant::springs::lattice::LatticeShape;
+use pliant::springs::{
+    AngularSpring, Buckling, CentreSprings, Force, Hooke, Neighbours, PairError, SpringSystem,
+    Springs, Strips, SystemError, TrueVolume, VolumeError, anchors, angular_springs, patterns,
+};
 use pliant::testing::Draw;
 
 /// Difference of energies over a step: rounding error of 1e-16/1e-5 and step error of 1e-10.
@@ -94,7 +89,7 @@ fn kinds() -> (Vec<Point3<f64>>, Vec<Box<dyn Force>>) {
         Box::new(Springs::new(count, at_rest(&pattern.structural)).unwrap()),
         Box::new(Strips::new(count, strips).unwrap()),
         Box::new(angular_springs(count, angular).unwrap()),
-        Box::new(anchors::anchors(count, places).unwrap()),
+        Box::new(anchors(count, places).unwrap()),
         Box::new(TrueVolume::new(x, &mesh.triangles, 30.0, None, &[]).unwrap()),
     ];
     (mesh.vertices, forces)
@@ -269,7 +264,7 @@ fn a_strip_buckles_at_the_load_of_its_arc() {
 
 #[test]
 fn the_order_of_springs_and_the_threads_change_no_bit() {
-    let shape = Shape::with_longest_side([32, 32, 32], 1.0).unwrap();
+    let shape = LatticeShape::with_longest_side([32, 32, 32], 1.0).unwrap();
     let x = shape.positions();
     let mut springs: Vec<_> =
         patterns::at_rest(&x, patterns::lattice(&shape, Neighbours::Six), |l| 1.0 / l).collect();

@@ -2,15 +2,12 @@
 //! errata.
 
 use nalgebra::{Point3, Vector3};
-use pliant::mesh::topology::Topology;
-use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::Neighbours;
-use pliant::springs::damping::{Body, estimate};
-use pliant::springs::lattice::{LatticeError, Shape};
-use pliant::springs::layers::{LayerMaterial, layers};
+use pliant::mesh::{Topology, TriangleMesh, shapes};
+use pliant::springs::damping::{DampedBody, estimate};
+use pliant::springs::lattice::{LatticeError, LatticeShape};
 use pliant::springs::mass::{self, MassError};
-use pliant::springs::patterns;
 use pliant::springs::stiffness::{Negative, along_edges, area_over_length, membrane, of_side};
+use pliant::springs::{LayerMaterial, Neighbours, layers, patterns};
 
 fn triangle(points: [[f64; 2]; 3]) -> TriangleMesh {
     let vertices = points.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
@@ -183,7 +180,7 @@ fn springs_of_lattices_are_counted_exactly() {
         );
     }
     for points in [[2, 2, 2], [3, 4, 5], [2, 7, 3], [1, 4, 2], [1, 1, 1]] {
-        let shape = Shape::with_longest_side(points, 1.0).unwrap();
+        let shape = LatticeShape::with_longest_side(points, 1.0).unwrap();
         let x = shape.positions();
         assert_eq!(x.len(), shape.count());
         for neighbours in [Neighbours::Six, Neighbours::TwentySix] {
@@ -201,16 +198,16 @@ fn springs_of_lattices_are_counted_exactly() {
             assert!(edges.iter().all(|[a, b]| (x[*a as usize] - x[*b as usize]).norm() <= reach * (1.0 + 1e-12)));
         }
     }
-    let shape = Shape::with_longest_side([3, 4, 5], 2.0).unwrap();
+    let shape = LatticeShape::with_longest_side([3, 4, 5], 2.0).unwrap();
     let far = nalgebra::center(&shape.positions()[0], &shape.positions()[59]);
     assert_eq!(
         (shape.spacing, far),
         ([0.5; 3], Point3::new(0.5, 0.75, 1.0))
     );
-    let cube = Shape::with_longest_side([5; 3], 1.0).unwrap();
+    let cube = LatticeShape::with_longest_side([5; 3], 1.0).unwrap();
     assert_eq!((cube.surface().len(), cube.count()), (98, 125));
     let refused =
-        |points: [usize; 3], side: f64| Shape::with_longest_side(points, side).unwrap_err();
+        |points: [usize; 3], side: f64| LatticeShape::with_longest_side(points, side).unwrap_err();
     assert!(matches!(
         refused([5, 0, 5], 1.0),
         LatticeError::Points {
@@ -361,7 +358,7 @@ fn b11_a_patch_in_two_layers_has_the_published_counts() {
 #[test]
 fn m13_the_damping_estimate_is_that_of_the_table_and_of_any_size() {
     let of = |n: u32, mass: f64, side: f64| {
-        let body = Body {
+        let body = DampedBody {
             mass,
             tension: 1.0,
             side,
@@ -392,7 +389,7 @@ fn m13_the_damping_estimate_is_that_of_the_table_and_of_any_size() {
     );
     // 26 neighbours: means of c^2/(8 m) in table 7.5.
     for (n, mean) in [(5, 11.09), (10, 10.54), (20, 9.78)] {
-        let body = Body {
+        let body = DampedBody {
             mass: 1.0,
             tension: 1.0,
             side: 1.0,

@@ -1,14 +1,14 @@
 //! P37 and P38 for the integrators of spring systems: orders, stability limits found by bisection, energy.
 
 use nalgebra::{Point3, Vector3};
-use pliant::springs::hooke::{Hooke, Springs};
 use pliant::springs::integrators::{
     Adaptive, Bdf2, ExplicitEuler, INTEGRATORS, ImplicitEuler, Integrator, Rk4, SemiImplicitEuler,
     StepError, Verlet, by_name,
 };
-use pliant::springs::rest::{End, Rest, settle};
-use pliant::springs::stability::{Mode, Stiffest, limit, stiffest};
-use pliant::springs::{SpringSystem, damping};
+use pliant::springs::{
+    Hooke, Mode, RestEnd, RestSettings, SpringSystem, Springs, Stiffest, damping, limit, settle,
+    stiffest,
+};
 
 /// A mass m on a spring k from the origin with damping c, along x, displaced to x.
 fn oscillator(k: f64, c: f64, m: f64, x: f64) -> SpringSystem {
@@ -395,7 +395,7 @@ fn an_adaptive_step_finds_what_is_stable() {
 
 #[test]
 fn b09_rest_needs_small_forces_and_small_motion() {
-    let rest = Rest {
+    let rest = RestSettings {
         force: 1e-6,
         energy: 1e-12,
     };
@@ -411,13 +411,13 @@ fn b09_rest_needs_small_forces_and_small_motion() {
         (settled, system)
     };
     let (settled, system) = run(oscillator(4.0, 4.0, 1.0, 1.0), 10_000);
-    assert_eq!(settled.end, End::Rest);
+    assert_eq!(settled.end, RestEnd::Rest);
     assert!(system.position[1].x.abs() <= 1e-6 / 4.0 && settled.steps > 500);
     // A drift of constant speed: the ratio of moves is 1, forces are zero, and it never comes to
     // rest.
     let mut adrift = SpringSystem::new(vec![Point3::origin(); 2], vec![1.0; 2]).unwrap();
     adrift.velocity = vec![Vector3::x(); 2];
-    assert_eq!(run(adrift, 200).0.end, End::Steps);
+    assert_eq!(run(adrift, 200).0.end, RestEnd::Steps);
     // Slow decay: moves of ten steps differ by 2 % while most of the decay is still ahead.
     let (mut slow, mut moves) = (oscillator(1.0, 6.0, 1.0, 1.0), Vec::new());
     settle(
@@ -437,13 +437,13 @@ fn b09_rest_needs_small_forces_and_small_motion() {
     assert_eq!(run(oscillator(4.0, 1.0, 1.0, 0.0), 10).0.steps, 0);
     let mut system = oscillator(4.0, 1.0, 1.0, 1.0);
     let stopped = settle(&mut system, &mut Rk4, 0.01, rest, 10, |_, r| r.step < 3);
-    assert_eq!((stopped.end, stopped.steps), (End::Stopped, 3));
+    assert_eq!((stopped.end, stopped.steps), (RestEnd::Stopped, 3));
     let failed = settle(&mut system, &mut ExplicitEuler, 1e200, rest, 10, |_, _| {
         true
     });
     assert!(matches!(
         failed.end,
-        End::Failed(StepError::NotFinite { point: 1, .. })
+        RestEnd::Failed(StepError::NotFinite { point: 1, .. })
     ));
 }
 
@@ -458,14 +458,14 @@ fn pinned_points_stay_and_loads_stretch() {
             &mut system,
             &mut *by,
             dt,
-            Rest {
+            RestSettings {
                 force: 1e-8,
                 energy: 1e-16,
             },
             20_000,
             |_, _| true,
         );
-        assert_eq!(settled.end, End::Rest, "{}", by.name());
+        assert_eq!(settled.end, RestEnd::Rest, "{}", by.name());
         assert_eq!(system.position[0], Point3::origin());
         assert!((system.position[1] - Point3::new(0.0, -9.81 / 50.0, 0.0)).norm() <= 1e-9);
     }

@@ -4,11 +4,9 @@
 use nalgebra::Vector3;
 use pliant::mesh::Topology;
 use pliant::mesh::shapes::icosphere;
-use pliant::morph::locate::Locator;
-use pliant::morph::{SphereError, SphereMap};
-use pliant::springs::Neighbours;
+use pliant::morph::{Locator, SphereError, SphereMap};
 use pliant::springs::integrators::{Integrator, Verlet};
-use pliant::springs::stability::Mode;
+use pliant::springs::{Mode, Neighbours};
 
 #[test]
 fn m12_points_on_shared_edges_are_found_once_and_weights_sum_to_one() {

@@ -3,16 +3,14 @@
 
 use nalgebra::Point3;
 use pliant::springs::format::{SpringFile, read_bytes, write_to};
-use pliant::springs::hooke::Springs;
 use pliant::springs::integrators::{Integrator, Verlet};
-use pliant::springs::lattice::Shape;
+use pliant::springs::lattice::LatticeShape;
 use pliant::springs::patterns::{self, at_rest};
-use pliant::springs::stability::{limit, stiffest};
-use pliant::springs::{Neighbours, SpringSystem};
+use pliant::springs::{Neighbours, SpringSystem, Springs, limit, stiffest};
 
 /// n^3 points of a unit cube, stiffness 1/L, at rest.
 fn cube(n: usize, neighbours: Neighbours, mass: f64, damping: f64) -> (SpringSystem, Vec<u32>) {
-    let shape = Shape::with_longest_side([n; 3], 1.0).unwrap();
+    let shape = LatticeShape::with_longest_side([n; 3], 1.0).unwrap();
     let x = shape.positions();
     let springs = Springs::new(
         x.len(),
@@ -109,7 +107,7 @@ fn m3_stiffest_motions_and_limits_are_those_of_the_errata() {
 }
 
 fn file() -> SpringFile {
-    let shape = Shape::with_longest_side([5; 3], 1.0).unwrap();
+    let shape = LatticeShape::with_longest_side([5; 3], 1.0).unwrap();
     let position = shape.positions();
     let mut surface = vec![false; position.len()];
     shape

@@ -8,8 +8,7 @@ use super::Muscles;
 use crate::snapshot::{BodyShot, BoneShot, Probe, Reading, Shot, Stage, StageBody, Tissue};
 use pliant::mesh::measures::{max_or_nan, volume};
 use pliant::scene::Joint;
-use pliant::simulation::measures::strain_at_vertices;
-use pliant::simulation::{Body, Simulation};
+use pliant::simulation::{Body, Simulation, strain_at_vertices};
 
 /// The constant data of a simulation.
 pub(super) fn stage(simulation: &Simulation) -> Stage {

@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use pliant::io::{MeshFile, PointData, ReadError, read_with_point_data};
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::morph::register::{Motion, fit};
+use pliant::morph::register::{FitMotion, fit};
 
 /// Greatest distance of a bone's vertex from its position in the pose, relative to the size of the
 /// bone.
@@ -248,7 +248,7 @@ fn pose_of(own: &TriangleMesh, seen: &TriangleMesh) -> Option<Isometry3<f64>> {
         &own.vertices,
         &seen.vertices,
         &vec![1.0; own.vertices.len()],
-        Motion::Rigid,
+        FitMotion::Rigid,
     )?
     .isometry;
     let most = RIGID * Aabb::of_points(&own.vertices).extents().norm();

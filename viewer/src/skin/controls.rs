@@ -4,10 +4,10 @@ use super::implants;
 use super::shots::Spot;
 use crate::panel::{Control, Kind, List, Shown, Target, Value};
 use crate::recipe::{Recipe, Refused};
-use pliant::scene::content::{Filled, SkinScene, Under};
 use pliant::scene::units::{Dimension, parse};
-use pliant::simulation::skin::SkinRun;
-use pliant::skin::Shape;
+use pliant::scene::{ImplantFill, SkinScene, Support};
+use pliant::simulation::SkinRun;
+use pliant::skin::BaseShape;
 
 /// Greatest number of fillings with a control each; beyond it only the last has one.
 const FILLINGS: usize = 8;
@@ -76,8 +76,8 @@ impl Ranges {
                 filled,
                 1e6 * FULL * implant.largest(edge),
             );
-            let names = Shape::ALL.map(|(name, _)| name);
-            let chosen = Shape::ALL
+            let names = BaseShape::ALL.map(|(name, _)| name);
+            let chosen = BaseShape::ALL
                 .iter()
                 .position(|(_, shape)| *shape == implant.shape)
                 .unwrap_or(0);
@@ -90,7 +90,7 @@ impl Ranges {
             );
             let shown = Shown::about("cm", 1e2 * began.implant.base, 2.0, 20.0);
             list.slider(&group, "base", path("base"), 1e2 * implant.base, shown);
-            if let Some(spot) = spots.get(k).filter(|_| implant.shape != Shape::Round) {
+            if let Some(spot) = spots.get(k).filter(|_| implant.shape != BaseShape::Round) {
                 let shown = Shown::even("deg", -180.0, 180.0);
                 list.slider(
                     &group,
@@ -111,7 +111,7 @@ impl Ranges {
             let shown = Shown::about("N/m", began.implant.membrane, 10.0, 1e3);
             list.slider(&group, "shell", path("shell"), implant.membrane, shown);
         }
-        if let (Under::Ball(ball), Under::Ball(began)) = (&run.scene.under, &self.start.under) {
+        if let (Support::Ball(ball), Support::Ball(began)) = (&run.scene.under, &self.start.under) {
             let path = |key: &str| Target::Path(format!("ball.{key}"));
             let shown = Shown::about("mm", 1e3 * began.radius, 2.0, 10.0);
             list.slider("ball", "radius", path("radius"), 1e3 * ball.radius, shown);
@@ -128,7 +128,7 @@ impl Ranges {
         list.0
     }
 
-    fn volumes(&self, list: &mut List, group: &str, k: usize, filled: &Filled, most: f64) {
+    fn volumes(&self, list: &mut List, group: &str, k: usize, filled: &ImplantFill, most: f64) {
         let shown = || Shown::even("cc", 0.0, most);
         let path = |key: String| Target::Path(format!("implant.{k}.{key}"));
         if !self.filled[k] {
@@ -161,8 +161,8 @@ impl Ranges {
     /// Controls of the material of all skin.
     fn skin(&self, list: &mut List, now: &SkinScene) {
         let order = |scene: &SkinScene| match &scene.under {
-            Under::Implants(all) => all.first().map(|filled| filled.order.clone()),
-            Under::Ball(ball) => Some(ball.order.clone()),
+            Support::Implants(all) => all.first().map(|filled| filled.order.clone()),
+            Support::Ball(ball) => Some(ball.order.clone()),
         };
         let (Some(began), Some(now)) = (order(&self.start), order(now)) else {
             return;

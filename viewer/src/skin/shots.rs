@@ -8,15 +8,12 @@ use super::{Skin, direction, implants};
 use crate::snapshot::{
     BodyShot, BoneShot, Handle, Probe, Reading, Shot, Stage, StageBody, Steering, Tissue,
 };
-use pliant::constraints::distance::Distance;
-use pliant::fibres::binding::BoundLines;
+use pliant::constraints::Distance;
+use pliant::fibres::BoundLines;
 use pliant::mesh::{Topology, TriangleMesh, shapes};
-use pliant::scene::content::Under;
-use pliant::simulation::measures::strain_at_vertices;
-use pliant::simulation::skin::{Part, SkinRun};
-use pliant::skin::Areas;
-use pliant::skin::areas::CAVEATS;
-use pliant::skin::region::frame;
+use pliant::scene::Support;
+use pliant::simulation::{SkinPart, SkinRun, strain_at_vertices};
+use pliant::skin::{Areas, CAVEATS, frame};
 
 /// Subdivisions of the icosahedron that displays a ball.
 const BALL: u32 = 3;
@@ -85,14 +82,14 @@ impl Spot {
 }
 
 /// Part and shell of each implant, in the order of the scene.
-fn places(run: &SkinRun) -> Vec<(&Part, usize)> {
+fn places(run: &SkinRun) -> Vec<(&SkinPart, usize)> {
     let each = run.parts.iter().flat_map(|part| {
         part.members
             .iter()
             .enumerate()
             .map(move |(s, k)| (*k, part, s))
     });
-    let mut all: Vec<(usize, &Part, usize)> = each.collect();
+    let mut all: Vec<(usize, &SkinPart, usize)> = each.collect();
     all.sort_by_key(|(k, ..)| *k);
     all.into_iter().map(|(_, part, s)| (part, s)).collect()
 }
@@ -100,8 +97,8 @@ fn places(run: &SkinRun) -> Vec<(&Part, usize)> {
 /// The point of each implant on the whole skin.
 pub(super) fn spots(run: &SkinRun) -> Vec<Spot> {
     let skin = &run.whole;
-    let tree = pliant::mesh::closest::SurfaceTree::new(&skin.vertices, &skin.triangles);
-    let spot = |(part, s): (&Part, usize)| {
+    let tree = pliant::mesh::SurfaceTree::new(&skin.vertices, &skin.triangles);
+    let spot = |(part, s): (&SkinPart, usize)| {
         let (_, frame) = part.ready.sites().nth(s)?;
         let middle = Point3::from(frame.translation.vector);
         let found = tree.closest(&middle, f64::INFINITY)?;
@@ -121,7 +118,7 @@ pub(super) fn spots(run: &SkinRun) -> Vec<Spot> {
 /// The undeformed shell of each implant with the volume of a frame; in frame 0 the initial one.
 pub(super) fn domes(run: &SkinRun, at: usize) -> Vec<TriangleMesh> {
     let all = implants(&run.scene);
-    let of_part = |part: &Part| {
+    let of_part = |part: &SkinPart| {
         let volumes: Vec<f64> = part.members.iter().map(|k| all[*k].volume_at(at)).collect();
         // Volumes without a shell were rejected.
         part.ready
@@ -191,7 +188,7 @@ pub(super) fn stage(run: &SkinRun) -> (Arc<Stage>, Vec<Distance>) {
     let mut bones: Vec<(String, TriangleMesh)> = obstacles
         .map(|(o, mesh)| (o.name.clone(), mesh.clone()))
         .collect();
-    if let Under::Ball(ball) = &run.scene.under {
+    if let Support::Ball(ball) = &run.scene.under {
         bones.push(("ball".to_owned(), shapes::icosphere(ball.radius, BALL)));
     }
     (Arc::new(Stage { bodies, bones }), springs)
@@ -244,12 +241,12 @@ impl Skin {
             steering: Steering::Motion,
         };
         let mut bones = vec![still(Isometry3::identity()); run.obstacles.len()];
-        if let (Under::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
+        if let (Support::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
             bones.push(still(
                 Translation3::from(run.ball_at(ball, part, frame).centre.coords).into(),
             ));
         }
-        let time = |part: &Part| {
+        let time = |part: &SkinPart| {
             part.frames
                 .iter()
                 .find(|f| f.frame == frame)
@@ -285,13 +282,13 @@ impl Skin {
     /// Areas of all skin over implants, volume and pressure of each implant.
     fn readings(&self, frame: usize) -> Vec<Reading> {
         let run = &self.run;
-        let found = |part: &Part| {
+        let found = |part: &SkinPart| {
             part.frames
                 .iter()
                 .find(|f| f.frame == frame)
                 .map(|f| f.areas)
         };
-        let rest = |part: &Part| Areas::of(&part.ready.layers, &part.ready.layers.rest);
+        let rest = |part: &SkinPart| Areas::of(&part.ready.layers, &part.ready.layers.rest);
         let areas: Areas = run
             .parts
             .iter()

@@ -10,9 +10,8 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::colour::Colouring;
 use crate::snapshot::{BodyShot, Shot, Stage, Tissue};
-use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::volume;
-use pliant::mesh::topology::Topology;
+use pliant::mesh::{Topology, TriangleMesh};
 use pliant_render::colour::{self, Rgb};
 use pliant_render::{ColourMap, Frame};
 

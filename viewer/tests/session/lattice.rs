@@ -2,9 +2,9 @@
 //! during the run.
 
 use nalgebra::{Point3, Vector3};
+use pliant::scene::Content;
 use pliant::scene::builtin::load_content;
-use pliant::scene::content::Content;
-use pliant::simulation::lattice::LatticeRun;
+use pliant::simulation::LatticeRun;
 use pliant_viewer::{Command, Pace, Session, Snapshot, Tissue};
 
 use super::ends::at_both_ends;

@@ -7,10 +7,9 @@ use std::time::{Duration, Instant};
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::measures;
 use pliant::progress::Silent;
+use pliant::scene::Content;
 use pliant::scene::builtin::load_content;
-use pliant::scene::content::Content;
-use pliant::simulation::Stepped;
-use pliant::simulation::skin::SkinRun;
+use pliant::simulation::{SkinRun, Stepped};
 use pliant_viewer::{Command, Pace, Session, Snapshot, Tissue};
 
 use super::ends::at_both_ends;

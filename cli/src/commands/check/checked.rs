@@ -5,9 +5,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::commands::failure::Failure;
-use pliant::io::{self, Encoding, Format, MeshFile, Place, ReadError};
-use pliant::mesh::health::{Finding, Health, Repair};
-use pliant::mesh::repair::{Change, Deviation, Options, deviation, repair};
+use pliant::io::{self, Encoding, FilePlace, Format, MeshFile, ReadError};
+use pliant::mesh::{
+    Deviation, Finding, Health, Repair, RepairChange, RepairOptions, deviation, repair,
+};
 use pliant::scene::likely_units;
 use pliant::simulation::LoadError;
 
@@ -92,7 +93,7 @@ pub(super) struct Told {
     pub message: String,
     pub repair: String,
     /// First place in the mesh.
-    pub place: Option<pliant::mesh::health::Place>,
+    pub place: Option<pliant::mesh::FindingPlace>,
     /// First line in the file, if known.
     pub line: Option<usize>,
     /// First byte in the file, if known.
@@ -114,9 +115,9 @@ impl Told {
 
     fn of_reader(warned: &io::Warned) -> Self {
         let (line, offset) = match warned.first {
-            Place::Whole => (None, None),
-            Place::Line(line) => (Some(line), None),
-            Place::Offset(offset) => (None, Some(offset)),
+            FilePlace::Whole => (None, None),
+            FilePlace::Line(line) => (Some(line), None),
+            FilePlace::Offset(offset) => (None, Some(offset)),
         };
         Self {
             code: warned.warning.code(),
@@ -154,7 +155,7 @@ pub(super) struct Mended {
     pub file: String,
     /// True if a simulation accepts it.
     pub fit: bool,
-    pub changes: Vec<Change>,
+    pub changes: Vec<RepairChange>,
     /// Greatest displacement of a vertex.
     pub moved: f64,
     /// Distance between the surfaces before and after; `None` without a change.
@@ -177,7 +178,7 @@ pub(super) fn check(
     path: &Path,
     unit: Option<f64>,
     target: Option<&Path>,
-    options: &Options,
+    options: &RepairOptions,
 ) -> Outcome {
     let file = path.display().to_string();
     let failed = |failure| Outcome::Failed {
@@ -226,7 +227,7 @@ fn of_reading(error: ReadError) -> Failure {
     LoadError::from(Box::new(error)).into()
 }
 
-fn mend(read: &MeshFile, target: &Path, options: &Options) -> Result<Mended, io::WriteError> {
+fn mend(read: &MeshFile, target: &Path, options: &RepairOptions) -> Result<Mended, io::WriteError> {
     let repaired = repair(&read.mesh, &read.lines, options);
     let lines_lost = io::write(target, &repaired.mesh, &repaired.lines, Encoding::Binary)?;
     let health = Health::with_lines(&repaired.mesh, &repaired.lines);

@@ -5,10 +5,9 @@ use nalgebra::{Point3, Vector3};
 use super::super::failure::Failure;
 use super::Arguments;
 use pliant::scene::units::{Dimension, parse};
-use pliant::skin::implant::{Implant, SILICONE};
-use pliant::skin::layers::Tissue;
-use pliant::skin::plan::Place;
-use pliant::skin::{Filling, ImplantSpec, Schedule, Shape, SkinError};
+use pliant::skin::{
+    BaseShape, Filling, Implant, ImplantPlace, ImplantSpec, SILICONE, Schedule, SkinError, Tissue,
+};
 
 /// Units of areas and volumes [m^2, m^3].
 const AREAS: &[(&str, f64)] = &[("cm2", 1e-4), ("mm2", 1e-6), ("dm2", 1e-2), ("m2", 1.0)];
@@ -197,8 +196,8 @@ pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Imp
         (vertex, at) => (at.as_ref(), vertex),
     };
     let place = match (vertex, at) {
-        (Some(vertex), _) => Place::Vertex(vertex),
-        (None, Some(at)) => Place::Point(Point3::from(triple("--at", at)?) * unit),
+        (Some(vertex), _) => ImplantPlace::Vertex(vertex),
+        (None, Some(at)) => ImplantPlace::Point(Point3::from(triple("--at", at)?) * unit),
         (None, None) => {
             return Err(Failure::usage(
                 "no place for the implant",
@@ -207,7 +206,7 @@ pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Imp
         }
     };
     let name = said.shape.as_ref().unwrap_or(&arguments.shape);
-    let shape = Shape::ALL
+    let shape = BaseShape::ALL
         .iter()
         .find(|(known, _)| known == name)
         .map(|(_, shape)| *shape)

@@ -11,7 +11,7 @@ use crate::commands::{DONE, FAILED, INTERRUPTED, say_json};
 use crate::report::folder::Folder;
 use crate::report::output::verdict_table;
 use crate::report::run::{Performed, Wanted, perform};
-use pliant::io::names::file_name;
+use pliant::io::file_name;
 use pliant::scene::Content;
 use pliant::simulation::{Scenario, scenario};
 

@@ -7,12 +7,10 @@ use nalgebra::{Point3, center};
 use super::super::failure::Failure;
 use pliant::mesh::measures::Aabb;
 use pliant::simulation::LoadError;
-use pliant::springs::damping::{self, Body};
-use pliant::springs::format;
-use pliant::springs::hooke::Springs;
-use pliant::springs::lattice::{Settings, Shape};
+use pliant::springs::damping::{self, DampedBody};
+use pliant::springs::lattice::{LatticeSettings, LatticeShape};
 use pliant::springs::patterns::{self, at_rest};
-use pliant::springs::{Neighbours, SpringSystem};
+use pliant::springs::{Neighbours, SpringSystem, Springs, format};
 
 /// Assumed memory if the operating system does not report it [bytes].
 const MEMORY: u64 = 8 << 30;
@@ -38,7 +36,7 @@ pub(super) struct Built {
     /// Notes for the user.
     pub(super) notes: Vec<String>,
     surface: Vec<u32>,
-    body: Option<Body>,
+    body: Option<DampedBody>,
 }
 
 /// Reads "50x50x50".
@@ -126,10 +124,10 @@ impl Built {
                 "a lattice needs at least 2 points along each side, not {few}"
             )));
         }
-        let shape = Shape::with_longest_side(points, side).map_err(|e| usage(&e))?;
-        let settings = Settings {
+        let shape = LatticeShape::with_longest_side(points, side).map_err(|e| usage(&e))?;
+        let settings = LatticeSettings {
             mass,
-            ..Settings::new(neighbours)
+            ..LatticeSettings::new(neighbours)
         };
         // A lattice has at most 2^30 points and 13 springs each: neither product overflows.
         let needed =
@@ -208,7 +206,7 @@ fn parts(springs: &Springs) -> (Vec<[u32; 2]>, Vec<f64>) {
 }
 
 /// Input of the damping estimate: means over the springs, and the longest side of all points.
-fn body(system: &SpringSystem, springs: &Springs, mass: f64) -> Body {
+fn body(system: &SpringSystem, springs: &Springs, mass: f64) -> DampedBody {
     let count = springs.springs().len() as f64;
     let mean = |value: &dyn Fn(f64, f64) -> f64| {
         springs
@@ -220,7 +218,7 @@ fn body(system: &SpringSystem, springs: &Springs, mass: f64) -> Body {
     };
     let tension = mean(&|rest, stiffness| rest * stiffness);
     let spacing = mean(&|rest, _| rest);
-    Body {
+    DampedBody {
         mass,
         tension,
         side: Aabb::of_points(&system.position).extents().max(),

@@ -1,6 +1,6 @@
 //! Rate of convergence to rest, and an estimate of the number of steps.
 
-use pliant::springs::rest::{Rest, StepRecord};
+use pliant::springs::{RestSettings, StepRecord};
 
 /// Factor on the extrapolated number of steps: the slowest part decreases last.
 const SPARE: f64 = 2.5;
@@ -8,14 +8,14 @@ const SPARE: f64 = 2.5;
 /// Residual force and motion relative to their tolerances: the greatest in two intervals of steps,
 /// since they oscillate.
 pub(super) struct Nearing {
-    rest: Rest,
+    rest: RestSettings,
     steps: usize,
     /// At the middle and at the end.
     most: [f64; 2],
 }
 
 impl Nearing {
-    pub(super) fn new(steps: usize, rest: Rest) -> Self {
+    pub(super) fn new(steps: usize, rest: RestSettings) -> Self {
         Self {
             rest,
             steps,
@@ -65,7 +65,7 @@ mod tests {
     fn hint(left: impl Fn(f64) -> f64) -> String {
         let mut nearing = Nearing::new(
             1000,
-            Rest {
+            RestSettings {
                 force: 1e-3,
                 energy: 1.0,
             },

@@ -10,11 +10,10 @@ use crate::report::folder::{Folder, FolderError};
 use crate::report::output::{DataFile, OutputFile, Picture, Plot, RunOutput, measures};
 use crate::report::{LinePlot, Table};
 use pliant::format::number;
-use pliant::io::names::file_name;
+use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
-use pliant::springs::SpringSystem;
-use pliant::springs::rest::StepRecord;
+use pliant::springs::{SpringSystem, StepRecord};
 
 /// Greatest number of rows in the table of steps; a longer run keeps every second step, and so on.
 const MOST_ROWS: usize = 20_000;

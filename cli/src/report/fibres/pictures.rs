@@ -4,10 +4,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::Bundle;
 use crate::report::output::Picture;
-use pliant::fibres::attachment::Area;
-use pliant::fibres::fibre_measures::action;
-use pliant::mesh::cut::{cut, filled};
-use pliant::mesh::{Topology, TriangleMesh};
+use pliant::fibres::{Area, action};
+use pliant::mesh::{Topology, TriangleMesh, cut, filled};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Rgb, Surface,
     TextStyle, View, colour, render,

@@ -4,11 +4,8 @@ use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
 use super::{Insertion, Picture, Shown, Single};
 use pliant::contact::Surface as Rays;
-use pliant::mesh::cut::{Cut, cut, filled};
-use pliant::mesh::orientation::Orientation;
-use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::layers::Layers;
-use pliant::skin::whole::Whole;
+use pliant::mesh::{Cut, Orientation, Topology, TriangleMesh, cut, filled};
+use pliant::skin::{Layers, Whole};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Rgb, Surface,
     TextStyle, View, colour, render,

@@ -4,8 +4,7 @@ use super::{Insertion, Point, Single};
 use crate::report::output::DataFile;
 use crate::report::plot::LinePlot;
 use crate::report::table::Table;
-use pliant::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
-use pliant::skin::{Areas, Interval};
+use pliant::skin::{Areas, GROWN_SOURCE, Interval, RETRACTED_SOURCE};
 
 /// Decimals of an area in cm2 that depends on a published range of a gain [m^2]: at most two digits
 /// of the gain.

@@ -6,8 +6,7 @@ use rayon::prelude::*;
 use super::{Morph, Shape};
 use crate::report::output::Picture;
 use pliant::mesh::measures::{Aabb, max_or_nan};
-use pliant::morph::distortion::area_shares;
-use pliant::morph::pose::axes;
+use pliant::morph::{area_shares, axes};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Rgb, Surface,
     TextStyle, View, render, to_gif,

@@ -1,7 +1,7 @@
 //! Numbers at the points of VTK XML polydata, of all types except strings.
 
 use super::{Array, Reader, Slot};
-use crate::io::error::{Problem, ReadError};
+use crate::io::error::{ReadError, ReadProblem};
 use crate::io::xml::unescaped;
 use crate::io::{PointData, cursor};
 
@@ -40,7 +40,7 @@ pub(in crate::io) fn point_data(
                 numbers.len() as u64,
             );
             if declared != used {
-                let problem = Problem::SizeMismatch {
+                let problem = ReadProblem::SizeMismatch {
                     what: "the number of values at the points",
                     declared,
                     used,

@@ -5,13 +5,10 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 use pliant::contact::broad_phase::{BitGrid, Fill};
-use pliant::mesh::topology::Topology;
-use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::body::{Body, Drive};
-use pliant::springs::contact::{Bodies, Response};
+use pliant::mesh::{Topology, TriangleMesh, shapes};
+use pliant::springs::contact::{Bodies, CollidingBody, Drive, Response};
 use pliant::springs::stiffness::{Negative, along_edges, membrane};
-use pliant::springs::volume::TrueVolume;
-use pliant::springs::{SpringSystem, mass};
+use pliant::springs::{SpringSystem, TrueVolume, mass};
 
 use super::moved;
 
@@ -30,8 +27,8 @@ pub fn filled(mesh: &TriangleMesh, density: f64, e2: f64, bulk: f64) -> SpringSy
     system
 }
 
-fn soft(mesh: &TriangleMesh) -> Body {
-    Body::soft(filled(mesh, 1000.0, 50.0, 1e5), &mesh.triangles).expect("a body")
+fn soft(mesh: &TriangleMesh) -> CollidingBody {
+    CollidingBody::soft(filled(mesh, 1000.0, 50.0, 1e5), &mesh.triangles).expect("a body")
 }
 
 fn momentum(bodies: &Bodies) -> Vector3<f64> {
@@ -62,7 +59,7 @@ fn energy(bodies: &Bodies) -> f64 {
         .sum()
 }
 
-fn centre(body: &Body) -> Point3<f64> {
+fn centre(body: &CollidingBody) -> Point3<f64> {
     let s = &body.system;
     let total: f64 = s.mass().iter().sum();
     Point3::from(
@@ -150,7 +147,7 @@ fn sliding(mu: f64, speed: f64) -> Bodies {
     system.velocity.iter_mut().for_each(|v| v.x = speed);
     let mut all = Bodies::new(vec![
         body,
-        Body::rigid(&plate, Drive::still()).expect("a plate"),
+        CollidingBody::rigid(&plate, Drive::still()).expect("a plate"),
     ]);
     all.response = Response::new(0.0, mu).expect("in range");
     all
@@ -246,7 +243,7 @@ fn driven_bodies_go_their_way_and_keep_their_shape() {
         angular: Vector3::new(0.0, 3.0, 4.0),
         centre: Point3::new(0.001, 0.0, 0.002),
     };
-    let mut one = Bodies::new(vec![Body::rigid(&mesh, drive).expect("a body")]);
+    let mut one = Bodies::new(vec![CollidingBody::rigid(&mesh, drive).expect("a body")]);
     assert_eq!(one.limit(), f64::INFINITY);
     let before = one.bodies[0].volume();
     (0..1000).for_each(|_| assert!(one.step(1e-3).is_ok()));
@@ -298,7 +295,7 @@ fn a_sheet_that_has_no_inside_is_carried_by_a_ball() {
     );
     system.damping = 1e-3;
     let area = sheet.area();
-    let body = Body::soft(system, &sheet.triangles).expect("a sheet");
+    let body = CollidingBody::soft(system, &sheet.triangles).expect("a sheet");
     // The ball begins slightly below the sheet. The first crossing edge has its longer part
     // above the sheet.
     let ball = moved(
@@ -306,7 +303,10 @@ fn a_sheet_that_has_no_inside_is_carried_by_a_ball() {
         Vector3::new(3e-4, 2e-4, -0.0081),
     );
     let drive = Drive::along(Vector3::z() * 0.2);
-    let mut all = Bodies::new(vec![body, Body::rigid(&ball, drive).expect("a ball")]);
+    let mut all = Bodies::new(vec![
+        body,
+        CollidingBody::rigid(&ball, drive).expect("a ball"),
+    ]);
     let dt = 0.25 * all.limit();
     (0..(0.008 / 0.2 / dt) as usize).for_each(|_| assert!(all.step(dt).is_ok()));
     let x = &all.bodies[0].system.position;

@@ -3,8 +3,7 @@
 use nalgebra::Vector3;
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::Bodies;
-use pliant::springs::contact::body::{Body, Drive};
+use pliant::springs::contact::{Bodies, CollidingBody, Drive};
 
 use super::bodies::filled;
 use super::{moved, sphere};
@@ -53,9 +52,9 @@ fn press(bulk: f64, steps: usize) -> Pressed {
         .filter(|(_, p)| p.z < -0.499 * SIDE)
         .map(|(i, _)| i as u32);
     system.pin(bottom);
-    let driven = Body::rigid(&ball, Drive::along(Vector3::z() * -SPEED)).expect("a ball");
+    let driven = CollidingBody::rigid(&ball, Drive::along(Vector3::z() * -SPEED)).expect("a ball");
     let mut both = Bodies::new(vec![
-        Body::soft(system, &cube.triangles).expect("a cube"),
+        CollidingBody::soft(system, &cube.triangles).expect("a cube"),
         driven,
     ]);
     let dt = 0.5 * both.limit();

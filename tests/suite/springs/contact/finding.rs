@@ -5,13 +5,11 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use pliant::mesh::measures::Aabb;
-use pliant::mesh::topology::Topology;
-use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::edges::{
-    Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of,
+use pliant::mesh::{Topology, TriangleMesh, shapes};
+use pliant::springs::contact::{
+    BoundKind, Edge, EdgeOwners, Found, Hierarchy, Sheet, VoxelError, VoxelGrid, crossing,
+    crossings, crossings_of,
 };
-use pliant::springs::contact::hierarchy::{Hierarchy, Kind};
-use pliant::springs::contact::voxels::{VoxelError, Voxels};
 use pliant::testing::Draw;
 use proptest::prelude::*;
 
@@ -45,12 +43,14 @@ fn check_tree(found: &Hierarchy, mesh: &TriangleMesh) -> Result<(), String> {
     for node in 0..found.len() as u32 {
         let (bounds, kind) = found.node(node);
         let least = match kind {
-            Kind::Leaf(t) => {
+            BoundKind::Leaf(t) => {
                 seen[t as usize] += 1;
                 box_of(mesh, t)
             }
-            Kind::Inner([a, b]) if a > node && b > node => found.node(a).0.union(found.node(b).0),
-            Kind::Inner(_) => return Err(format!("a child before node {node}")),
+            BoundKind::Inner([a, b]) if a > node && b > node => {
+                found.node(a).0.union(found.node(b).0)
+            }
+            BoundKind::Inner(_) => return Err(format!("a child before node {node}")),
         };
         if *bounds != least {
             return Err(format!("node {node} has {bounds:?} and not {least:?}"));
@@ -85,8 +85,8 @@ fn pairs(a: &Hierarchy, b: &Hierarchy) -> Vec<[u32; 2]> {
 fn printed(a: &Hierarchy, i: u32, b: &Hierarchy, j: u32) -> usize {
     let ((n, of_n), (m, of_m)) = (a.node(i), b.node(j));
     match (of_n, of_m) {
-        (Kind::Leaf(_), Kind::Leaf(_)) => usize::from(n.intersects(m)),
-        (Kind::Inner(x), Kind::Inner(y)) if n.intersects(m) => x
+        (BoundKind::Leaf(_), BoundKind::Leaf(_)) => usize::from(n.intersects(m)),
+        (BoundKind::Inner(x), BoundKind::Inner(y)) if n.intersects(m) => x
             .iter()
             .flat_map(|&k| y.iter().map(move |&l| [k, l]))
             .map(|[k, l]| printed(a, k, b, l))
@@ -171,12 +171,12 @@ fn trees_of_triangles_that_differ_by_powers_stay_shallow() {
         triangles: (0..4).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
     };
     let found = tree(&four);
-    let (_, Kind::Inner([_, second])) = found.node(0) else {
+    let (_, BoundKind::Inner([_, second])) = found.node(0) else {
         panic!("a leaf")
     };
     assert_eq!(
         found.node(second).1,
-        Kind::Leaf(3),
+        BoundKind::Leaf(3),
         "a median of counts has two on each side"
     );
     // No triangle, one, and triangles without area.
@@ -458,7 +458,7 @@ fn what_is_no_number_crosses_nothing() {
             .find(|[s, t]| untouched(*s) && !found.contains(&[*s, *t]));
         assert_eq!(missing, None);
     }
-    let voxels = Voxels::new(&a.vertices, &a.triangles, 0.2).expect("voxels");
+    let voxels = VoxelGrid::new(&a.vertices, &a.triangles, 0.2).expect("voxels");
     let crossed = found(&a, &b);
     assert!(crossed.len() > 3);
     let listed: BTreeSet<[u32; 2]> = voxels
@@ -468,7 +468,7 @@ fn what_is_no_number_crosses_nothing() {
     assert!(crossed.iter().all(|f| listed.contains(&triangles_of(f))));
     a.vertices[1].x = f64::INFINITY;
     assert!(matches!(
-        Voxels::new(&a.vertices, &a.triangles, 0.2),
+        VoxelGrid::new(&a.vertices, &a.triangles, 0.2),
         Err(VoxelError::TooSmall { .. })
     ));
 }
@@ -490,7 +490,7 @@ fn voxels_find_the_crossings_of_hierarchies() {
     );
     let (tree, voxels) = (
         tree(&coarse),
-        Voxels::new(&fine.vertices, &fine.triangles, 0.07).expect("voxels"),
+        VoxelGrid::new(&fine.vertices, &fine.triangles, 0.07).expect("voxels"),
     );
     let owners = [&fine, &coarse].map(|m| EdgeOwners::new(m.vertices.len(), &m.triangles));
     let none = Hierarchy::default();
@@ -602,7 +602,7 @@ fn voxels_know_what_a_surface_meets() {
     let mut draw = Draw::new(9);
     for (side, count) in [(0.05, 20), (0.31, 40), (5.0, 30)] {
         let (own, other) = (soup(&mut draw, count), soup(&mut draw, count));
-        let voxels = Voxels::new(&own.vertices, &own.triangles, side).expect("voxels");
+        let voxels = VoxelGrid::new(&own.vertices, &own.triangles, side).expect("voxels");
         let tree = tree(&other);
         let met: BTreeSet<[u32; 2]> = voxels
             .met_by(&tree, &other.vertices, &other.triangles)
@@ -656,7 +656,7 @@ fn voxels_know_what_a_surface_meets() {
 #[test]
 fn voxels_that_make_no_sense_are_refused() {
     let mesh = shapes::icosphere(1.0, 1);
-    let of = |side: f64| Voxels::new(&mesh.vertices, &mesh.triangles, side);
+    let of = |side: f64| VoxelGrid::new(&mesh.vertices, &mesh.triangles, side);
     for side in [0.0, -1.0, f64::INFINITY] {
         assert_eq!(of(side).unwrap_err(), VoxelError::Side(side));
     }
@@ -665,7 +665,7 @@ fn voxels_that_make_no_sense_are_refused() {
         assert_eq!(of(side).unwrap_err(), VoxelError::TooSmall { side });
     }
     assert!(
-        Voxels::new(&[], &[], 1.0)
+        VoxelGrid::new(&[], &[], 1.0)
             .expect("nothing")
             .cells()
             .is_empty()

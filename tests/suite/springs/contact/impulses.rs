@@ -1,12 +1,12 @@
 //! Impulses compared with the laws of collision, and the counter-examples of errata B06 and B12.
 
 use nalgebra::Vector3;
-use pliant::springs::contact::impulse::{Part, Response, ResponseError, impulse};
+use pliant::springs::contact::{ContactPart, Response, ResponseError, impulse};
 use pliant::testing::Draw;
 use proptest::prelude::*;
 
-fn on_line(mass: f64, velocity: f64) -> Part<1> {
-    Part {
+fn on_line(mass: f64, velocity: f64) -> ContactPart<1> {
+    ContactPart {
         weights: [1.0],
         inverse_mass: [1.0 / mass],
         velocity: [Vector3::x() * velocity],
@@ -60,14 +60,14 @@ fn b06_bodies_part_with_the_restitution_s_share_of_their_approach() {
 }
 
 /// Normal velocities of an edge and a triangle from the erratum; n from the edge to the triangle.
-fn erratum_b12() -> (Part<2>, Part<3>) {
+fn erratum_b12() -> (ContactPart<2>, ContactPart<3>) {
     let x = |v: f64| Vector3::new(0.0, 0.0, v);
-    let edge = Part {
+    let edge = ContactPart {
         weights: [0.7, 0.3],
         inverse_mass: [1.0, 0.5],
         velocity: [x(1.0), x(0.5)],
     };
-    let triangle = Part {
+    let triangle = ContactPart {
         weights: [0.2, 0.3, 0.5],
         inverse_mass: [1.0, 1.0, 0.25],
         velocity: [x(-1.0), x(0.0), x(-0.5)],
@@ -75,7 +75,7 @@ fn erratum_b12() -> (Part<2>, Part<3>) {
     (edge, triangle)
 }
 
-fn momentum<const N: usize>(part: &Part<N>, velocity: &[Vector3<f64>; N]) -> Vector3<f64> {
+fn momentum<const N: usize>(part: &ContactPart<N>, velocity: &[Vector3<f64>; N]) -> Vector3<f64> {
     part.inverse_mass
         .iter()
         .zip(velocity)
@@ -89,7 +89,7 @@ fn b12_an_edge_against_a_triangle_keeps_momentum() {
     let (edge, triangle) = erratum_b12();
     let z = Vector3::z();
     let before = momentum(&edge, &edge.velocity) + momentum(&triangle, &triangle.velocity);
-    let apart = |a: &Part<2>, b: &Part<3>| (b.at() - a.at()).z;
+    let apart = |a: &ContactPart<2>, b: &ContactPart<3>| (b.at() - a.at()).z;
     assert!((apart(&edge, &triangle) + 1.3).abs() <= 1e-15 && (before.z + 1.0).abs() <= 1e-15);
     let j = impulse(
         &z,
@@ -100,11 +100,11 @@ fn b12_an_edge_against_a_triangle_keeps_momentum() {
     .expect("they approach");
     let (a, b) = (edge.after(&-j), triangle.after(&j));
     let after = (
-        Part {
+        ContactPart {
             velocity: a,
             ..edge
         },
-        Part {
+        ContactPart {
             velocity: b,
             ..triangle
         },
@@ -121,11 +121,11 @@ fn b12_an_edge_against_a_triangle_keeps_momentum() {
     let a: [Vector3<f64>; 2] = std::array::from_fn(|i| edge.velocity[i] + z * by_a[i]);
     let b: [Vector3<f64>; 3] = std::array::from_fn(|i| triangle.velocity[i] + z * by_b[i]);
     let after = (
-        Part {
+        ContactPart {
             velocity: a,
             ..edge
         },
-        Part {
+        ContactPart {
             velocity: b,
             ..triangle
         },
@@ -141,13 +141,13 @@ fn b12_an_edge_against_a_triangle_keeps_momentum() {
 #[test]
 fn what_is_held_stays_and_what_is_held_on_both_sides_is_left_alone() {
     let (edge, triangle) = erratum_b12();
-    let held = Part {
+    let held = ContactPart {
         inverse_mass: [0.0; 3],
         ..triangle
     };
     let j = impulse(&Vector3::z(), &edge, &held, Response::default()).expect("they approach");
     assert_eq!(held.after(&j), held.velocity);
-    let after = Part {
+    let after = ContactPart {
         velocity: edge.after(&-j),
         ..edge
     };
@@ -155,7 +155,7 @@ fn what_is_held_stays_and_what_is_held_on_both_sides_is_left_alone() {
         (held.at() - after.at()).norm() <= 1e-15,
         "without bounce it goes with what is held"
     );
-    let both = Part {
+    let both = ContactPart {
         inverse_mass: [0.0; 2],
         ..edge
     };
@@ -163,7 +163,7 @@ fn what_is_held_stays_and_what_is_held_on_both_sides_is_left_alone() {
         impulse(&Vector3::z(), &both, &held, Response::default()),
         None
     );
-    let one = Part {
+    let one = ContactPart {
         inverse_mass: [0.0, 0.5],
         ..edge
     };
@@ -181,7 +181,7 @@ fn responses_out_of_range_are_refused() {
     }
     assert!(Response::new(f64::NAN, 0.0).is_err() && Response::new(0.0, f64::NAN).is_err());
     // Velocities that are not finite give no impulse.
-    let mad = Part {
+    let mad = ContactPart {
         velocity: [Vector3::repeat(f64::INFINITY)],
         ..on_line(1.0, 1.0)
     };
@@ -194,8 +194,8 @@ fn responses_out_of_range_are_refused() {
 /// An edge and a triangle with a common point, and all parameters of the collision.
 #[derive(Debug)]
 struct Collision {
-    edge: Part<2>,
-    triangle: Part<3>,
+    edge: ContactPart<2>,
+    triangle: ContactPart<3>,
     ends: [Vector3<f64>; 2],
     corners: [Vector3<f64>; 3],
     normal: Vector3<f64>,
@@ -238,12 +238,12 @@ fn draw(seed: u64, e: f64, mu: f64, held: u8) -> Collision {
     let shared = ends[0] * a[0] + ends[1] * a[1];
     corners[2] = (shared - corners[0] * b[0] - corners[1] * b[1]) / b[2];
     Collision {
-        edge: Part {
+        edge: ContactPart {
             weights: [a[0], a[1]],
             inverse_mass: inverse_mass.0,
             velocity: edge_velocity,
         },
-        triangle: Part {
+        triangle: ContactPart {
             weights: [b[0], b[1], b[2]],
             inverse_mass: inverse_mass.1,
             velocity: triangle_velocity,
@@ -255,7 +255,7 @@ fn draw(seed: u64, e: f64, mu: f64, held: u8) -> Collision {
     }
 }
 
-fn kinetic<const N: usize>(part: &Part<N>, velocity: &[Vector3<f64>; N]) -> f64 {
+fn kinetic<const N: usize>(part: &ContactPart<N>, velocity: &[Vector3<f64>; N]) -> f64 {
     part.inverse_mass
         .iter()
         .zip(velocity)
@@ -265,7 +265,7 @@ fn kinetic<const N: usize>(part: &Part<N>, velocity: &[Vector3<f64>; N]) -> f64 
 }
 
 fn spin<const N: usize>(
-    part: &Part<N>,
+    part: &ContactPart<N>,
     x: &[Vector3<f64>; N],
     velocity: &[Vector3<f64>; N],
 ) -> Vector3<f64> {
@@ -283,11 +283,11 @@ fn faults(c: &Collision, a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 3]) -> Vec<&'
         }
     };
     let after = (
-        Part {
+        ContactPart {
             velocity: *a,
             ..c.edge
         },
-        Part {
+        ContactPart {
             velocity: *b,
             ..c.triangle
         },
@@ -397,13 +397,13 @@ proptest! {
 
 #[test]
 fn friction_stops_what_is_slow_and_slows_what_is_fast() {
-    let floor = Part {
+    let floor = ContactPart {
         weights: [1.0],
         inverse_mass: [0.0],
         velocity: [Vector3::zeros()],
     };
     let slide = |along: f64| {
-        let body = Part {
+        let body = ContactPart {
             weights: [1.0],
             inverse_mass: [2.0],
             velocity: [Vector3::new(along, 0.0, -1.0)],

@@ -2,18 +2,16 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::SpringSystem;
-use pliant::springs::contact::body::{Body, BodyError, Drive};
-use pliant::springs::contact::{Bodies, Response, StepContacts};
+use pliant::springs::contact::{Bodies, BodyError, CollidingBody, Drive, Response, StepContacts};
 use pliant::springs::integrators::StepError;
-use pliant::springs::system::SystemError;
+use pliant::springs::{SpringSystem, SystemError};
 use pliant::testing::Draw;
 
 use super::bodies::{filled, two_balls};
 use super::{moved, sphere};
 
 /// A surface of free points: only contact changes their velocities. Masses vary over a decade.
-fn loose(mesh: &TriangleMesh, draw: &mut Draw, velocity: Vector3<f64>) -> Body {
+fn loose(mesh: &TriangleMesh, draw: &mut Draw, velocity: Vector3<f64>) -> CollidingBody {
     let masses = mesh
         .vertices
         .iter()
@@ -24,7 +22,7 @@ fn loose(mesh: &TriangleMesh, draw: &mut Draw, velocity: Vector3<f64>) -> Body {
         .velocity
         .iter_mut()
         .for_each(|v| *v = velocity + draw.direction() * 0.1);
-    Body::soft(system, &mesh.triangles).expect("a body")
+    CollidingBody::soft(system, &mesh.triangles).expect("a body")
 }
 
 /// Quantities that contact conserves: energy [J], momentum, angular momentum; and magnitudes for
@@ -189,7 +187,7 @@ fn many_vertices_in_one_triangle_move_it_as_far_as_the_deepest() {
     );
     let mut all = Bodies::new(vec![
         block,
-        Body::rigid(&ball, Drive::still()).expect("a ball"),
+        CollidingBody::rigid(&ball, Drive::still()).expect("a ball"),
     ]);
     all.bodies[0]
         .system
@@ -297,17 +295,17 @@ fn large_bodies_leave_the_same_bits_for_any_number_of_threads() {
                 &shapes::icosphere(0.01, 2),
                 Vector3::new(0.0199, 0.001, 0.0005),
             );
-            let other =
-                Body::soft(filled(&small, 1000.0, 50.0, 1e5), &small.triangles).expect("a body");
+            let other = CollidingBody::soft(filled(&small, 1000.0, 50.0, 1e5), &small.triangles)
+                .expect("a body");
             let mut all = Bodies::new(vec![
-                Body::soft(system, &mesh.triangles).expect("a body"),
+                CollidingBody::soft(system, &mesh.triangles).expect("a body"),
                 other,
             ]);
             let met: usize = (0..8)
                 .map(|_| all.step(2e-6).expect("a step").impulses)
                 .sum();
             assert!(met > 10, "{met}");
-            let bits = |b: &Body| {
+            let bits = |b: &CollidingBody| {
                 b.system
                     .position
                     .iter()
@@ -356,7 +354,7 @@ fn what_is_nowhere_is_told_and_does_not_spread() {
         angular: Vector3::new(f64::NAN, 0.0, 0.0),
         ..Drive::still()
     };
-    let ball = Body::rigid(&shapes::icosphere(0.01, 1), drive).expect("a body");
+    let ball = CollidingBody::rigid(&shapes::icosphere(0.01, 1), drive).expect("a body");
     assert!(Bodies::new(vec![ball]).step(1e-5).is_err());
     // A NaN share removes no penetration.
     let mut both = two_balls(f64::NAN);
@@ -370,7 +368,7 @@ fn sizes_at_which_products_overflow_or_vanish_do_not_panic() {
         let of = |by: f64| {
             let mesh = moved(&mesh, Vector3::new(0.9, 0.3, 0.2) * (by * size));
             let count = mesh.vertices.len();
-            Body::soft(
+            CollidingBody::soft(
                 SpringSystem::new(mesh.vertices, vec![1.0; count]).expect("a system"),
                 &mesh.triangles,
             )
@@ -400,7 +398,7 @@ fn bodies_that_make_no_sense_are_refused() {
     let mesh = shapes::icosphere(1.0, 0);
     let system = || SpringSystem::new(mesh.vertices.clone(), vec![1.0; 12]).expect("a system");
     assert!(matches!(
-        Body::soft(system(), &[]),
+        CollidingBody::soft(system(), &[]),
         Err(BodyError::NoTriangles)
     ));
     let wrong = BodyError::OutOfRange {
@@ -409,7 +407,7 @@ fn bodies_that_make_no_sense_are_refused() {
         count: 12,
     };
     assert_eq!(
-        Body::soft(system(), &[[0, 1, 2], [3, 12, 4]]).err(),
+        CollidingBody::soft(system(), &[[0, 1, 2], [3, 12, 4]]).err(),
         Some(wrong)
     );
     for (corners, point) in [
@@ -420,13 +418,13 @@ fn bodies_that_make_no_sense_are_refused() {
     ] {
         let twice = BodyError::Twice { triangle: 1, point };
         assert_eq!(
-            Body::soft(system(), &[[0, 1, 2], corners]).err(),
+            CollidingBody::soft(system(), &[[0, 1, 2], corners]).err(),
             Some(twice)
         );
     }
     let mut nowhere = system();
     nowhere.position[3].x = f64::NAN;
-    let found = Body::soft(nowhere, &mesh.triangles).err();
+    let found = CollidingBody::soft(nowhere, &mesh.triangles).err();
     assert_eq!(
         found,
         Some(BodyError::System(SystemError::NotFinite { point: 3 }))
@@ -436,15 +434,15 @@ fn bodies_that_make_no_sense_are_refused() {
         triangles: mesh.triangles.clone(),
     };
     assert!(matches!(
-        Body::rigid(&nan, Drive::still()),
+        CollidingBody::rigid(&nan, Drive::still()),
         Err(BodyError::System(_))
     ));
-    let mut soft = Body::soft(system(), &mesh.triangles).expect("a body");
+    let mut soft = CollidingBody::soft(system(), &mesh.triangles).expect("a body");
     assert_eq!(
         (soft.set_drive(Drive::still()), soft.drive()),
         (Err(BodyError::Soft), None)
     );
-    let mut rigid = Body::rigid(&mesh, Drive::still()).expect("a body");
+    let mut rigid = CollidingBody::rigid(&mesh, Drive::still()).expect("a body");
     let on = Drive::along(Vector3::x());
     assert_eq!((rigid.set_drive(on), rigid.drive()), (Ok(()), Some(on)));
 }

@@ -1,7 +1,6 @@
 use super::*;
 use pliant::mesh::shapes::icosphere;
-use pliant::skin::plan::Place;
-use pliant::skin::{ImplantSpec, insert};
+use pliant::skin::{ImplantPlace, ImplantSpec, insert};
 
 /// A sphere of 10 cm, and one of radius `around` around it if that is not 0 [m].
 fn ball(around: f64) -> TriangleMesh {
@@ -17,7 +16,7 @@ fn ball(around: f64) -> TriangleMesh {
 
 fn inserted<'a>(skin: &'a TriangleMesh, places: &[Vector3<f64>]) -> Insertion<'a> {
     let implants = places.iter().map(|at| {
-        let place = Place::Point(Point3::from(at.normalize() * 0.1));
+        let place = ImplantPlace::Point(Point3::from(at.normalize() * 0.1));
         let order = ImplantSpec {
             edge: Some(6e-3),
             ..ImplantSpec::round(place, 0.04, 1e-5)
