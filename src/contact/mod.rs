@@ -23,7 +23,7 @@
 //! let mesh = TriangleMesh::new(corners.to_vec(), vec![[0, 1, 2]])?;
 //! let mut particles = Particles::at_rest(mesh.vertices.clone(), vec![1.0; 3]);
 //! particles.velocity.fill(Vector3::new(0.0, 0.0, -2.0));
-//! let settings = Settings {
+//! let settings = StepSettings {
 //!     iterations: 1,
 //!     gravity: Vector3::zeros(),
 //!     velocity_factor: 1.0,
