@@ -2,15 +2,12 @@
 
 use nalgebra::Point3;
 
-use super::PosedObstacle;
-use crate::particles::{Particles, Slot};
+use super::{ActiveNormals, PosedObstacle};
+use crate::particles::Particles;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Contacts of a body with obstacles; without the feature `contact` there are none.
 pub enum Contacts {}
-
-/// Directions that contact bars; without the feature `contact` there are none.
-pub enum ActiveNormals {}
 
 impl Contacts {
     pub(crate) fn begin_step(&mut self, _: &[Point3<f64>]) {
@@ -40,12 +37,6 @@ impl State for Contacts {
     }
 
     fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), DecodeError> {
-        match *self {}
-    }
-}
-
-impl ActiveNormals {
-    pub(crate) fn restrict(&self, _: &mut [Slot], _: f64) {
         match *self {}
     }
 }

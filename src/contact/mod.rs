@@ -40,10 +40,13 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod active_normals;
 #[cfg(feature = "contact")]
 pub mod broad_phase;
 pub(crate) mod capsule;
 mod faces;
+#[cfg(feature = "contact")]
+mod motion_bound;
 mod nearest;
 #[cfg(feature = "contact")]
 pub(crate) mod penetration_response;
@@ -73,15 +76,16 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+pub use active_normals::ActiveNormals;
 pub use faces::OnTriangle;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use faces::pseudo_normal;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use nearest::on_triangle;
 pub use plane::ContactPlane;
+pub use response::Contacts;
 #[cfg(feature = "contact")]
 pub use response::Counts;
-pub use response::{ActiveNormals, Contacts};
 #[cfg(feature = "contact")]
 pub use surface::Surface;
 

@@ -1,8 +1,10 @@
 //! Contact of one muscle with all of its obstacles: closest points, corrections, friction, pinched
 //! vertices.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3};
 
+use super::active_normals::ActiveNormals;
+use super::motion_bound::MotionBound;
 use super::plane::ContactPlane;
 use super::surface::Surface;
 use super::triangles::{TriangleContacts, plane_contact};
@@ -11,7 +13,7 @@ use super::{Obstacle, PosedObstacle, Projection};
 use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
-use crate::particles::{Particles, Slot};
+use crate::particles::Particles;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Distance between a bone vertex and a triangle, in contact thicknesses. It is smaller than that
@@ -27,34 +29,6 @@ const ROUNDS: usize = 8;
 /// sweep relative to the thickness.
 const SWEEPS: usize = 12;
 const NEARLY: f64 = 0.02;
-
-/// Bounds on the sum of all motion so far, relative to the obstacles [m]. A vertex can move out and
-/// back within a step, so stored values use the lower bound and queries the upper one. Their
-/// difference bounds the motion between any two moments.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct MotionBound {
-    pub at_least: f64,
-    pub at_most: f64,
-}
-
-impl MotionBound {
-    /// Bounds at a position `motion` [m] away from the beginning of the step, after a sum of motion
-    /// of `before` [m].
-    fn about(before: f64, motion: f64) -> Self {
-        Self {
-            at_least: before - motion,
-            at_most: before + motion,
-        }
-    }
-
-    /// Bounds after at most `more` [m] of further motion.
-    fn and(self, more: f64) -> Self {
-        Self {
-            at_least: self.at_least - more,
-            at_most: self.at_most + more,
-        }
-    }
-}
 
 /// Counts of one muscle's contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -566,26 +540,6 @@ impl State for Contacts {
     }
 }
 
-/// Vertices, each with the normal of a plane that it must not cross.
-pub struct ActiveNormals(Vec<(u32, Vector3<f64>)>);
-
-impl ActiveNormals {
-    /// Removes the components that would push vertices into a bone from a displacement field; the
-    /// displacement will be `sign` times a positive multiple of the field.
-    pub fn restrict(&self, field: &mut [Slot], sign: f64) {
-        // The second pass undoes conflicts between the planes of two bones; vertices with a
-        // conflict after it stay in place.
-        for pass in 0..3 {
-            for (v, normal) in &self.0 {
-                let Slot([x, y, z, _]) = &mut field[*v as usize];
-                let mut d = Vector3::new(*x, *y, *z);
-                bar(&mut d, sign, normal, pass == 2);
-                (*x, *y, *z) = (d.x, d.y, d.z);
-            }
-        }
-    }
-}
-
 /// The vertices with positive inverse mass.
 fn free(particles: &Particles) -> impl Iterator<Item = u32> {
     (0..particles.len() as u32).filter(|&v| particles.inverse_mass[v as usize] > 0.0)
@@ -610,17 +564,4 @@ fn push(plane: &mut vertices::VertexPlane, x: &mut [Point3<f64>], thickness: f64
         plane.push += lack;
     }
     lack.max(0.0)
-}
-
-/// Removes the component of `d` against `normal`; with `still`, removes all of `d` if such a
-/// component remains.
-fn bar(d: &mut Vector3<f64>, sign: f64, normal: &Vector3<f64>, still: bool) {
-    let along = sign * d.dot(normal);
-    if along < 0.0 {
-        if still && along < -1e-9 * d.norm() {
-            *d = Vector3::zeros();
-        } else {
-            *d -= normal * (sign * along);
-        }
-    }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::response::MotionBound;
+use super::motion_bound::MotionBound;
 use super::surface::Surface;
 use super::{Obstacle, OnTriangle, PosedObstacle};
 use crate::constraints::{

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::response::MotionBound;
+use super::motion_bound::MotionBound;
 use super::{Obstacle, PosedObstacle, Projection};
 use crate::state::{DecodeError, Reader, State, Value, Writer};
 
