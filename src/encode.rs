@@ -228,9 +228,9 @@ mod tests {
     #[test]
     fn the_encoding_of_a_pose_is_fixed() {
         let pose = Isometry3::translation(1.0, 2.0, -0.5);
-        let wanted = "p.translation.x 3ff0000000000000\np.translation.y 4000000000000000\n\
+        let expected = "p.translation.x 3ff0000000000000\np.translation.y 4000000000000000\n\
             p.translation.z bfe0000000000000\np.rotation.count 4\np.rotation.0 0000000000000000\n\
             p.rotation.1 0000000000000000\np.rotation.2 0000000000000000\np.rotation.3 3ff0000000000000\n";
-        assert_eq!(text_of("p", &pose), wanted);
+        assert_eq!(text_of("p", &pose), expected);
     }
 }

@@ -255,7 +255,7 @@ fn faults(folder: &Path) -> (Vec<String>, usize) {
     for (stem, (fixtures, expectations)) in pairs(folder) {
         let [fixture] = fixtures.as_slice() else {
             faults.push(format!(
-                "{stem}: {} fixtures, one is wanted",
+                "{stem}: {} fixtures instead of one",
                 fixtures.len()
             ));
             continue;
@@ -263,7 +263,7 @@ fn faults(folder: &Path) -> (Vec<String>, usize) {
         count += 1;
         if expectations.is_empty() {
             faults.push(format!(
-                "{stem}: no expectation, {stem}.err, {stem}.ok or {stem}.check is wanted"
+                "{stem}: no expectation, {stem}.err, {stem}.ok or {stem}.check"
             ));
         }
         let made = if fixture.extension().is_some_and(|e| e == "gen") {
@@ -280,17 +280,17 @@ fn faults(folder: &Path) -> (Vec<String>, usize) {
             }
         };
         for expectation in expectations {
-            let wanted = fs::read_to_string(&expectation).unwrap_or_default();
+            let expected = fs::read_to_string(&expectation).unwrap_or_default();
             let ending = expectation.extension().unwrap_or_default();
             for (_, look) in EXPECTATIONS.iter().filter(|(known, _)| ending == *known) {
                 // Fixtures are named without their folder, which differs between machines.
                 let parent = path.parent().unwrap_or(folder).display().to_string();
                 let found = look(path).replace(&format!("{parent}/"), "");
-                if found != wanted.trim_end_matches('\n') {
+                if found != expected.trim_end_matches('\n') {
                     faults.push(format!(
-                        "{}:\n  found  {found}\n  wanted {}",
+                        "{}:\n  found  {found}\n  expected {}",
                         expectation.display(),
-                        wanted.trim_end()
+                        expected.trim_end()
                     ));
                 }
             }
@@ -371,10 +371,10 @@ fn control_each_kind_of_fault_is_found() {
             "a.gen: no instruction: bytes 3",
         ),
     ];
-    for (name, files, wanted) in cases {
+    for (name, files, expected) in cases {
         let found = faults_of(name, files);
         assert!(
-            found.len() == 1 && found[0].contains(wanted),
+            found.len() == 1 && found[0].contains(expected),
             "{name}: {found:?}"
         );
     }

@@ -266,7 +266,7 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
             .filter(|k| k.scene == scene)
             .collect::<Vec<_>>()
     };
-    let (mut rows, mut wanted) = (Vec::new(), Vec::new());
+    let (mut rows, mut right_side) = (Vec::new(), Vec::new());
     let mut centres = Vec::new();
     for scene in scenes {
         let these = of_scene(scene);
@@ -275,7 +275,7 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
         for k in these {
             let features = logarithms(&k.features, extra);
             rows.extend([features[0] - centre[0], features[1] - centre[1]]);
-            wanted.push(of(k) - height);
+            right_side.push(of(k) - height);
         }
         centres.push((centre, height));
     }
@@ -283,14 +283,16 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
         return (Line::default(), 0.0);
     }
     // A feature that never varies gets the slope of least norm.
-    let (matrix, wanted) = (
-        DMatrix::from_row_slice(wanted.len(), 2, &rows),
-        DVector::from_vec(wanted),
+    let (matrix, right_side) = (
+        DMatrix::from_row_slice(right_side.len(), 2, &rows),
+        DVector::from_vec(right_side),
     );
     let svd = matrix.clone().svd(true, true);
     let least = 1e-9 * svd.singular_values.max();
-    let slopes = svd.solve(&wanted, least).map_or([0.0; 2], |s| [s[0], s[1]]);
-    let left = (matrix * DVector::from_row_slice(&slopes) - wanted).norm_squared();
+    let slopes = svd
+        .solve(&right_side, least)
+        .map_or([0.0; 2], |s| [s[0], s[1]]);
+    let left = (matrix * DVector::from_row_slice(&slopes) - right_side).norm_squared();
     let constant =
         |(centre, height): &([f64; 2], f64)| height - slopes[0] * centre[0] - slopes[1] * centre[1];
     let at_zero = mean(centres.iter().map(constant));

@@ -64,7 +64,7 @@ fn has_friction(scene: &Scene) -> bool {
     scene.effects.contact.is_some_and(|c| c.friction > 0.0)
 }
 
-/// Refines until levels differ by at most `wanted` [m] or `allows` returns false; at least two
+/// Refines until levels differ by at most `tolerance` [m] or `allows` returns false; at least two
 /// levels. `watch` receives every frame with its level and time [s], and stops the refinement by
 /// returning false.
 ///
@@ -75,7 +75,7 @@ pub fn refine(
     assets: &Assets,
     (question, threads): (SolverQuestion, usize),
     mut frames: usize,
-    wanted: f64,
+    tolerance: f64,
     mut allows: impl FnMut() -> bool,
     watch: &mut dyn FnMut(&Candidate, u32, f64) -> bool,
 ) -> Result<Option<Reference>, LoadError> {
@@ -125,7 +125,7 @@ pub fn refine(
             uncertainty,
             steps,
         });
-        if (partial && k > 0) || uncertainty.rms <= wanted {
+        if (partial && k > 0) || uncertainty.rms <= tolerance {
             break;
         }
     }

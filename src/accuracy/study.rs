@@ -357,13 +357,13 @@ impl Measuring<'_> {
             let share = if level == 0 { FIRST_LEVEL } else { 1.0 };
             !progress.is_stopped() && begin.elapsed().as_secs_f64() <= share * budget
         };
-        let wanted = CERTAIN * self.length;
+        let tolerance = CERTAIN * self.length;
         let found = refine(
             self.scene,
             self.assets,
             (question, self.options.threads),
             self.frames,
-            wanted,
+            tolerance,
             allows,
             &mut listen,
         )?;

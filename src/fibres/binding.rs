@@ -59,8 +59,8 @@ fn bind(surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> Bound {
             corners: surface.triangles()[triangle as usize],
             weights,
         };
-        let way = (far.at(surface.positions()) - on.closest.point).norm();
-        return Bound::Between(near, far, depth / way);
+        let thickness = (far.at(surface.positions()) - on.closest.point).norm();
+        return Bound::Between(near, far, depth / thickness);
     }
     Bound::Over(near, inwards.dot(&unit_normal(&t)))
 }

@@ -104,7 +104,9 @@ pub enum DecompositionError {
         insertion: Point3<f64>,
     },
     /// The tracer found too few streamlines.
-    #[error("only {found} of {count} fibres found a way from origin to insertion; ask for fewer")]
+    #[error(
+        "only {found} of {count} fibres reach the insertion from the origin; give a smaller count"
+    )]
     Lost {
         /// Number of fibres found.
         found: usize,
@@ -246,8 +248,8 @@ impl Task<'_> {
             volume,
             progress,
         } = self;
-        let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
-        let cells = Cells::new(solid, (volume / wanted).cbrt());
+        let cell_count = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
+        let cells = Cells::new(solid, (volume / cell_count).cbrt());
         let field = Field::new(cells, solid, muscle, attachment, lines, flux)
             .map_err(|e| no_field(e, muscle, attachment))?;
         let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);

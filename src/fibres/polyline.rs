@@ -21,14 +21,14 @@ pub fn resample(line: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
     let mut out = Vec::with_capacity(count);
     let mut k = 0;
     for n in 0..count {
-        let wanted = total * n as f64 / (count - 1).max(1) as f64;
-        while k + 2 < arcs.len() && arcs[k + 1] < wanted {
+        let target = total * n as f64 / (count - 1).max(1) as f64;
+        while k + 2 < arcs.len() && arcs[k + 1] < target {
             k += 1;
         }
         out.push(match n {
             0 => first,
             _ if n + 1 == count => last,
-            _ => between(line, &arcs, k, wanted),
+            _ => between(line, &arcs, k, target),
         });
     }
     out
@@ -41,14 +41,14 @@ pub fn equal_shares(line: &[Point3<f64>], count: usize) -> Vec<f64> {
     let (mut k, mut before) = (0, 0.0);
     let mut shares = Vec::with_capacity(count);
     for n in 0..count {
-        let wanted = total * n as f64 / (count - 1).max(1) as f64;
-        while k + 1 < lengths.len() && before + lengths[k] < wanted {
+        let target = total * n as f64 / (count - 1).max(1) as f64;
+        while k + 1 < lengths.len() && before + lengths[k] < target {
             before += lengths[k];
             k += 1;
         }
         let within = lengths.get(k).map_or(0.0, |l| {
             if *l > 0.0 {
-                ((wanted - before) / l).clamp(0.0, 1.0)
+                ((target - before) / l).clamp(0.0, 1.0)
             } else {
                 0.0
             }
@@ -62,8 +62,8 @@ pub fn equal_shares(line: &[Point3<f64>], count: usize) -> Vec<f64> {
     shares
 }
 
-/// The point at arc length `wanted` on the cubic over segment `k`.
-fn between(line: &[Point3<f64>], arcs: &[f64], k: usize, wanted: f64) -> Point3<f64> {
+/// The point at arc length `target` on the cubic over segment `k`.
+fn between(line: &[Point3<f64>], arcs: &[f64], k: usize, target: f64) -> Point3<f64> {
     let span = arcs[k + 1] - arcs[k];
     if !(span > 0.0) {
         return line[k];
@@ -78,7 +78,7 @@ fn between(line: &[Point3<f64>], arcs: &[f64], k: usize, wanted: f64) -> Point3<
             Vector3::zeros()
         }
     };
-    let t = ((wanted - arcs[k]) / span).clamp(0.0, 1.0);
+    let t = ((target - arcs[k]) / span).clamp(0.0, 1.0);
     let (m, n) = (slope(k) * span, slope(k + 1) * span);
     let d = line[k + 1] - line[k];
     line[k] + m * t + (d * 3.0 - m * 2.0 - n) * (t * t) + (m + n - d * 2.0) * (t * t * t)

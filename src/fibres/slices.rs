@@ -137,9 +137,9 @@ pub fn grid(
     );
     let length = muscle.length();
     let (Some(from), Some(to)) = (of_template, of_muscle) else {
-        let way = middle(muscle, &attachment.insertion) - middle(muscle, &attachment.origin);
+        let direction = middle(muscle, &attachment.insertion) - middle(muscle, &attachment.origin);
         return Err(SlicesError::NoAxis {
-            distance: way.norm(),
+            distance: direction.norm(),
             length,
         });
     };

@@ -66,7 +66,7 @@ pub enum SpringsError {
     Side(f64),
     /// The surface is no topological sphere.
     #[error(
-        "the muscle's surface cannot be laid onto a sphere: {0}; harmonic decomposition needs no such surface"
+        "the muscle's surface has no map to the sphere: {0}; harmonic decomposition needs no such surface"
     )]
     Surface(#[from] SphereError),
     /// The triangles are oriented inward.

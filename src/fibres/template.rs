@@ -283,9 +283,9 @@ impl Grid {
                 let edge = |c: usize| {
                     let mut other = here;
                     other[c] = at[c] + 1 - side[c];
-                    let way = self.points[self.sampling.number(other)]
+                    let direction = self.points[self.sampling.number(other)]
                         - self.points[self.sampling.number(here)];
-                    if side[c] == 0 { way } else { -way }
+                    if side[c] == 0 { direction } else { -direction }
                 };
                 let [a, b, c] = [edge(0), edge(1), edge(2)];
                 let size = a.norm() * b.norm() * c.norm();

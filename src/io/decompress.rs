@@ -46,16 +46,16 @@ fn lz4_number(first: u8, mut bytes: &[u8]) -> Option<(usize, &[u8])> {
     }
 }
 
-/// Decompresses a block with the declared size `wanted` [bytes]. The memory is proportional to the
+/// Decompresses a block with the declared size `size` [bytes]. The memory is proportional to the
 /// actual data.
 pub(super) fn decompress(
     compressor: Compressor,
     bytes: &[u8],
-    wanted: usize,
+    size: usize,
 ) -> Result<Vec<u8>, Fault> {
     let gain = |gain: u64| {
         let possible = (bytes.len() as u64).saturating_mul(gain).saturating_add(64);
-        let declared = wanted as u64;
+        let declared = size as u64;
         if declared > possible {
             Err(Fault::TooMany { declared, possible })
         } else {
@@ -65,17 +65,17 @@ pub(super) fn decompress(
     match compressor {
         Compressor::Zlib => {
             gain(ZLIB_GAIN)?;
-            miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(bytes, wanted)
+            miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(bytes, size)
                 .map_err(|_| Fault::Expected("undamaged zlib data of the declared size"))
         }
         Compressor::Lz4 => {
             gain(LZ4_GAIN)?;
             // Reserving the declared size without this test would let a small file allocate 255
             // times its size.
-            if lz4_length(bytes) != Some(wanted) {
+            if lz4_length(bytes) != Some(size) {
                 return Err(Fault::Expected("undamaged lz4 data of the declared size"));
             }
-            let mut block = vec![0; wanted];
+            let mut block = vec![0; size];
             let length = lz4_flex::block::decompress_into(bytes, &mut block)
                 .map_err(|_| Fault::Expected("undamaged lz4 data of the declared size"))?;
             block.truncate(length);
@@ -85,7 +85,7 @@ pub(super) fn decompress(
             let mut block = Vec::new();
             // One additional byte reveals a stream that is longer than declared. At that point its
             // end and its checksum have been read.
-            let mut stream = lzma_rust2::XzReader::new(bytes, false).take(wanted as u64 + 1);
+            let mut stream = lzma_rust2::XzReader::new(bytes, false).take(size as u64 + 1);
             stream
                 .read_to_end(&mut block)
                 .map_err(|_| Fault::Expected("undamaged LZMA data of the declared size"))?;
@@ -99,9 +99,9 @@ mod tests {
     use super::*;
 
     /// Returns the block if it has the declared size.
-    fn exactly(compressor: Compressor, bytes: &[u8], wanted: usize) -> Result<Vec<u8>, Fault> {
-        let block = decompress(compressor, bytes, wanted)?;
-        if block.len() == wanted {
+    fn exactly(compressor: Compressor, bytes: &[u8], size: usize) -> Result<Vec<u8>, Fault> {
+        let block = decompress(compressor, bytes, size)?;
+        if block.len() == size {
             Ok(block)
         } else {
             Err(Fault::Expected("a block of the declared size"))
@@ -120,8 +120,8 @@ mod tests {
             .collect()
     }
 
-    fn decode(bytes: &[u8], wanted: usize) -> Result<Vec<u8>, Fault> {
-        exactly(Compressor::Lzma, bytes, wanted)
+    fn decode(bytes: &[u8], size: usize) -> Result<Vec<u8>, Fault> {
+        exactly(Compressor::Lzma, bytes, size)
     }
 
     #[test]

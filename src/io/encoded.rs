@@ -204,9 +204,9 @@ impl<'a> Source<'a> {
         self.left.clear();
         let mut out = Vec::new();
         for (i, &packed) in packed.iter().enumerate() {
-            let wanted = if (i as u64) < full { size } else { last };
+            let size_of_block = if (i as u64) < full { size } else { last };
             let bytes = self.take(usize::try_from(packed).map_err(|_| Fault::Short)?)?;
-            unpack(compressor, &bytes, wanted as usize, &mut out)?;
+            unpack(compressor, &bytes, size_of_block as usize, &mut out)?;
         }
         Ok(out)
     }
@@ -216,11 +216,11 @@ impl<'a> Source<'a> {
 fn unpack(
     compressor: Compressor,
     bytes: &[u8],
-    wanted: usize,
+    size_of_block: usize,
     out: &mut Vec<u8>,
 ) -> Result<(), Fault> {
-    let block = decompress(compressor, bytes, wanted)?;
-    if block.len() != wanted {
+    let block = decompress(compressor, bytes, size_of_block)?;
+    if block.len() != size_of_block {
         return Err(Fault::Expected("a block of the declared size"));
     }
     if out.is_empty() {

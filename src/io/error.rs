@@ -191,12 +191,12 @@ pub enum ReadProblem {
         what: &'static str,
     },
     /// A number is missing.
-    #[error("too few numbers: {got} of {wanted}")]
+    #[error("too few numbers: {got} of {expected}")]
     TooFewNumbers {
         /// Number found.
         got: usize,
         /// Number needed.
-        wanted: usize,
+        expected: usize,
     },
     /// A number has a decimal comma.
     #[error("not a number; decimal comma? Write a point")]
@@ -249,12 +249,12 @@ pub enum ReadProblem {
         limit: usize,
     },
     /// A face has fewer than three corners, or a line fewer than two.
-    #[error("too few corners: {got}, at least {wanted} are needed")]
+    #[error("too few corners: {got}, at least {expected} are needed")]
     TooFewCorners {
         /// Number found.
         got: usize,
         /// Number needed.
-        wanted: usize,
+        expected: usize,
     },
     /// A count exceeds the size of the file.
     #[error("{declared} items are declared, but the file has room for at most {possible}")]
@@ -452,7 +452,10 @@ mod tests {
             place: FilePlace::Line(7),
             column: Some(3),
             read_as: None,
-            problem: ReadProblem::TooFewNumbers { got: 2, wanted: 3 },
+            problem: ReadProblem::TooFewNumbers {
+                got: 2,
+                expected: 3,
+            },
             within: "".into(),
             found: quote(b"v 1 2\x1b\n").into(),
         };

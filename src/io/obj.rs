@@ -165,7 +165,7 @@ impl Reader<'_> {
         let mut position = Point3::origin();
         for got in 0..3 {
             let Some(word) = words.next().filter(|word| !word.starts_with(b"#")) else {
-                return Err((ReadProblem::TooFewNumbers { got, wanted: 3 }, line));
+                return Err((ReadProblem::TooFewNumbers { got, expected: 3 }, line));
             };
             position[got] = self
                 .surface
@@ -378,9 +378,9 @@ mod tests {
             |begin: &str, more: usize| format!("{TRIANGLE}{begin}{}\nf 1 2 3\n", " ".repeat(more));
         assert!(read(long("#", (1 << 20) - 1).as_bytes(), "").is_ok());
         let error = |text: String| read(text.as_bytes(), "a").unwrap_err().terse();
-        let wanted = "a:4:1: error[E007]: the line has 1048577 bytes, more than the limit of 1048576 (found '#";
+        let expected = "a:4:1: error[E007]: the line has 1048577 bytes, more than the limit of 1048576 (found '#";
         assert!(
-            error(long("#", 1 << 20)).starts_with(wanted),
+            error(long("#", 1 << 20)).starts_with(expected),
             "{}",
             error(long("#", 1 << 20))
         );
@@ -397,12 +397,12 @@ mod tests {
         let file = read(text.as_bytes(), "").unwrap();
         let lines: Vec<String> = file.warnings.iter().map(|w| w.terse("a")).collect();
         let fan = "are not flat or not convex: their split is a fan around the first corner";
-        let wanted = [
+        let expected = [
             "a:2: warning[W001]: 1 coordinate too small for a double became 0".to_owned(),
             format!("a:4: warning[W002]: 2 polygons {fan}"),
             "a:8: warning[W003]: 1 triangle that names a vertex twice was left out".to_owned(),
         ];
-        assert_eq!(lines, wanted);
+        assert_eq!(lines, expected);
         assert_eq!(
             (file.mesh.triangles.len(), file.mesh.vertices[1].z.to_bits()),
             (6, (-0.0f64).to_bits())

@@ -161,7 +161,7 @@ impl<'a> Reader<'a> {
             let Some(word) = words.next() else {
                 return Err(self
                     .cursor
-                    .fail(ReadProblem::TooFewNumbers { got, wanted: 3 }, line));
+                    .fail(ReadProblem::TooFewNumbers { got, expected: 3 }, line));
             };
             let value = self.surface.coordinate(word, &|| self.cursor.place());
             position[got] = value.map_err(|problem| self.cursor.fail(problem, word))?;
@@ -186,7 +186,7 @@ impl<'a> Reader<'a> {
         if corners.len() < count {
             let problem = ReadProblem::TooFewNumbers {
                 got: corners.len(),
-                wanted: count,
+                expected: count,
             };
             return Err(self.cursor.fail(problem, line));
         }

@@ -268,7 +268,7 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
                 for (got, value) in position.iter_mut().enumerate() {
                     let Some(word) = words.next() else {
                         return Err(
-                            cursor.fail(ReadProblem::TooFewNumbers { got, wanted: 3 }, line)
+                            cursor.fail(ReadProblem::TooFewNumbers { got, expected: 3 }, line)
                         );
                     };
                     *value = corners

@@ -71,10 +71,10 @@ impl Surface {
     pub(super) fn polygon(&mut self, corners: &[u32], at: At<'_>) -> Result<(), ReadProblem> {
         let (got, limit) = (corners.len(), MAX_CORNERS);
         let [first, rest @ ..] = corners else {
-            return Err(ReadProblem::TooFewCorners { got, wanted: 3 });
+            return Err(ReadProblem::TooFewCorners { got, expected: 3 });
         };
         if rest.len() < 2 {
-            return Err(ReadProblem::TooFewCorners { got, wanted: 3 });
+            return Err(ReadProblem::TooFewCorners { got, expected: 3 });
         }
         if got > limit {
             return Err(ReadProblem::TooManyCorners { got, limit });
@@ -110,7 +110,7 @@ impl Surface {
         if corners.len() < 3 {
             return Err(ReadProblem::TooFewCorners {
                 got: corners.len(),
-                wanted: 3,
+                expected: 3,
             });
         }
         for (i, three) in corners.windows(3).enumerate() {
@@ -129,7 +129,7 @@ impl Surface {
         if corners.len() < 2 {
             return Err(ReadProblem::TooFewCorners {
                 got: corners.len(),
-                wanted: 2,
+                expected: 2,
             });
         }
         self.lines.push(corners.to_vec());
@@ -240,15 +240,24 @@ mod tests {
         );
         assert_eq!(
             surface.polygon(&[1, 2], NOWHERE),
-            Err(ReadProblem::TooFewCorners { got: 2, wanted: 3 })
+            Err(ReadProblem::TooFewCorners {
+                got: 2,
+                expected: 3
+            })
         );
         assert_eq!(
             surface.line(&[1]),
-            Err(ReadProblem::TooFewCorners { got: 1, wanted: 2 })
+            Err(ReadProblem::TooFewCorners {
+                got: 1,
+                expected: 2
+            })
         );
         assert_eq!(
             surface.strip(&[0, 1], NOWHERE),
-            Err(ReadProblem::TooFewCorners { got: 2, wanted: 3 })
+            Err(ReadProblem::TooFewCorners {
+                got: 2,
+                expected: 3
+            })
         );
         let many: Vec<u32> = (0..=MAX_CORNERS as u32).collect();
         assert!(surface.polygon(&many[1..], NOWHERE).is_ok());

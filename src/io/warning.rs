@@ -172,12 +172,12 @@ mod tests {
         }
         warnings.note(Warning::Underflow, &|| FilePlace::Offset(16));
         let lines: Vec<String> = warnings.iter().map(|w| w.terse("a.obj")).collect();
-        let wanted = [
+        let expected = [
             "a.obj: offset 0x10: warning[W001]: 1 coordinate too small for a double became 0",
             "a.obj:7: warning[W003]: 2 triangles that name a vertex twice were left out",
             "a.obj: warning[W010]: the name says OBJ, the content is PLY",
         ];
-        assert_eq!(lines, wanted);
+        assert_eq!(lines, expected);
         assert_eq!(
             (
                 warnings.count(Warning::RepeatedCorner),

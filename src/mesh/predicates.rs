@@ -278,10 +278,10 @@ mod tests {
             if is_flat(&s) || is_flat(&t) || s.iter().any(|v| t.contains(v)) {
                 continue;
             }
-            let met = meet(s, t);
-            seen[usize::from(met)] += 1;
+            let crosses = meet(s, t);
+            seen[usize::from(crosses)] += 1;
             // Disjoint triangles of this grid are more than a hundredth apart.
-            assert_eq!(met, gap(&s, &t) <= 1e-3, "{s:?} {t:?}");
+            assert_eq!(crosses, gap(&s, &t) <= 1e-3, "{s:?} {t:?}");
         }
         assert!(seen[0] > 300 && seen[1] > 300, "{seen:?}");
     }

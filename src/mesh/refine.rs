@@ -41,7 +41,7 @@ const ROUNDS: usize = 6;
 /// Greatest number of triangles [1]; a mesh of this size needs about 2 GB during remeshing.
 const MOST_TRIANGLES: f64 = 8e6;
 /// Number of edges, vertices or triangles between two checks for cancellation.
-const ASKED: usize = 1000;
+const QUERIES: usize = 1000;
 
 /// A remeshed surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,7 +74,7 @@ pub struct RefineReport {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RefineError {
     /// The target edge length is not a positive number.
-    #[error("the wanted edge length must be a positive number, not {0}")]
+    #[error("the target edge length must be a positive number, not {0}")]
     EdgeLength(f64),
     /// The mesh has no triangles.
     #[error("the mesh has no triangles")]
@@ -456,7 +456,7 @@ fn measure(
     let lengths = topology.edge_lengths(refined);
     let mut deviation = drift;
     for t in 0..refined.triangles.len() {
-        if t % ASKED == 0 && progress.is_stopped() {
+        if t % QUERIES == 0 && progress.is_stopped() {
             return None;
         }
         let [a, b, c] = refined.corners(t);

@@ -125,16 +125,16 @@ mod tests {
             let parabola: Vec<f64> = (0..n).map(|k| at(k, 3)).collect();
             let size = n as f64 * step;
             for (k, r) in moment_arms(&parabola, step, 0).iter().enumerate() {
-                let wanted = -(c[1] + 2.0 * c[2] * k as f64 * step);
+                let exact = -(c[1] + 2.0 * c[2] * k as f64 * step);
                 // Rounding of lengths of size 1 + size^2, divided by the step.
-                prop_assert!((r - wanted).abs() <= 16.0 * f64::EPSILON * (1.0 + size * size) / step, "{r} {wanted}");
+                prop_assert!((r - exact).abs() <= 16.0 * f64::EPSILON * (1.0 + size * size) / step, "{r} {exact}");
             }
             let slopes = moment_arms(&(0..n).map(|k| at(k, 4)).collect::<Vec<_>>(), step, 4);
             for (k, r) in slopes.iter().enumerate() {
                 let q = k as f64 * step;
-                let wanted = -(c[1] + 2.0 * c[2] * q + 3.0 * c[3] * q * q);
+                let exact = -(c[1] + 2.0 * c[2] * q + 3.0 * c[3] * q * q);
                 // Rounding as above, and sums of sixth powers of four.
-                prop_assert!((r - wanted).abs() <= 512.0 * f64::EPSILON * (1.0 + size.powi(3)) / step, "{r} {wanted}");
+                prop_assert!((r - exact).abs() <= 512.0 * f64::EPSILON * (1.0 + size.powi(3)) / step, "{r} {exact}");
             }
             let cubic: Vec<f64> = (0..n).map(|k| at(k, 4)).collect();
             let range = crate::mesh::measures::max_or_nan(cubic.iter().flat_map(|a| cubic.iter().map(move |b| a - b)));

@@ -229,11 +229,11 @@ impl Running {
             hold_all(&mut scene);
         }
         let mut simulation = Simulation::new(scene)?;
-        let names = |wanted: bool| {
+        let names = |crosses: bool| {
             let named = crossing
                 .iter()
                 .zip(&simulation.scene.muscles)
-                .filter(move |(c, _)| **c == wanted);
+                .filter(move |(c, _)| **c == crosses);
             named.map(|(_, m)| m.name.clone()).collect::<Vec<_>>()
         };
         let left_out = names(false);

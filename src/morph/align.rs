@@ -243,8 +243,8 @@ fn moved(
     let mut next = points.to_vec();
     for (&feature, target) in features.iter().zip(targets) {
         let f = next[feature as usize];
-        let way = target - f;
-        let step = way * (share * radius / way.norm().max(share * radius));
+        let offset = target - f;
+        let step = offset * (share * radius / offset.norm().max(share * radius));
         for (v, p) in next.iter_mut().enumerate() {
             let near = 1.0 - (*p - f).norm() / radius;
             let held = v as u32 != feature && features.contains(&(v as u32));
@@ -257,11 +257,11 @@ fn moved(
 }
 
 /// Moves vertices one after the other towards their targets, as far as they see their rings.
-fn each_moved(points: &mut [Point3<f64>], rings: &Rings, wanted: &[Point3<f64>]) {
+fn each_moved(points: &mut [Point3<f64>], rings: &Rings, goals: &[Point3<f64>]) {
     let mut ring = Vec::new();
     for v in 0..points.len() {
-        if wanted[v] != points[v] {
-            go(points, rings, v, wanted[v], &mut ring);
+        if goals[v] != points[v] {
+            go(points, rings, v, goals[v], &mut ring);
         }
     }
 }

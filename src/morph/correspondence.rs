@@ -371,12 +371,15 @@ fn by_shape_similarity(
                 < shape_similarity.apart([&first, &second], &pose)
         };
         if let Some(map) = found.filter(nearer) {
-            let way = |(p, q): (&Point3<f64>, &Point3<f64>)| {
+            let distance = |(p, q): (&Point3<f64>, &Point3<f64>)| {
                 2.0 * libm::asin(0.5 * (p - q).norm().min(2.0))
             };
-            let ways = first.points().iter().zip(map.points()).map(way);
+            let distances = first.points().iter().zip(map.points()).map(distance);
             let areas = meshes[0].vertex_areas();
-            let drawn = ways.zip(&areas).map(|(way, area)| way * area).sum::<f64>()
+            let drawn = distances
+                .zip(&areas)
+                .map(|(distance, area)| distance * area)
+                .sum::<f64>()
                 / areas.iter().sum::<f64>();
             return Ok(Aligned {
                 maps: [map, second],

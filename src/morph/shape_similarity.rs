@@ -18,7 +18,7 @@ use super::sphere::centre::bounding_sphere;
 use crate::mesh::TriangleMesh;
 
 /// Number of sample vertices of each body.
-const ASKED: usize = 500;
+const SAMPLES: usize = 500;
 /// Radius of a body in units where two perpendicular unit normals are 1.4 apart. With a smaller
 /// value, normals alone match the ends of a long body with its middle. With a greater value, the
 /// other side of a thin body is as near as this side.
@@ -43,7 +43,7 @@ pub struct ShapeSimilarity<'a> {
     spreads: [Matrix3<f64>; 2],
     normals: [Vec<Vector3<f64>>; 2],
     /// Sample vertices with their shares of the area of all sample vertices.
-    asked: [Vec<(u32, f64)>; 2],
+    samples: [Vec<(u32, f64)>; 2],
     /// Scale of positions relative to normals \[1/m\].
     scale: f64,
 }
@@ -57,7 +57,7 @@ impl<'a> ShapeSimilarity<'a> {
             middles,
             spreads: [0, 1].map(|k: usize| spread(meshes[k], &middles[k])),
             normals: meshes.map(TriangleMesh::vertex_normals),
-            asked: meshes.map(asked),
+            samples: meshes.map(samples),
             scale: if radius > 0.0 { EXTENT / radius } else { 0.0 },
         }
     }
@@ -109,7 +109,7 @@ impl<'a> ShapeSimilarity<'a> {
                     least,
                 )
             };
-            let found: Vec<(Match, f64)> = self.asked[side].par_iter().map(nearest).collect();
+            let found: Vec<(Match, f64)> = self.samples[side].par_iter().map(nearest).collect();
             sum += found
                 .iter()
                 .map(|(m, square)| m.weight * square)
@@ -128,14 +128,14 @@ impl<'a> ShapeSimilarity<'a> {
             let there = found.of(maps[1].triangles(), &self.meshes[1].vertices);
             Some(
                 weight
-                    * (self.laid(&self.meshes[0].vertices[v as usize], pose) - there)
+                    * (self.posed(&self.meshes[0].vertices[v as usize], pose) - there)
                         .norm_squared(),
             )
         };
-        self.asked[0].iter().filter_map(one).sum()
+        self.samples[0].iter().filter_map(one).sum()
     }
 
-    fn laid(&self, p: &Point3<f64>, pose: &Matrix3<f64>) -> Point3<f64> {
+    fn posed(&self, p: &Point3<f64>, pose: &Matrix3<f64>) -> Point3<f64> {
         self.middles[1] + pose * (p - self.middles[0])
     }
 
@@ -150,7 +150,7 @@ impl<'a> ShapeSimilarity<'a> {
             .iter()
             .zip(&self.normals[0])
             .map(|(p, n)| OrientedPoint {
-                place: place(self.laid(p, pose)),
+                place: place(self.posed(p, pose)),
                 normal: (of_normals * n).try_normalize(0.0).unwrap_or_default(),
             });
         let second = self.meshes[1].vertices.iter().zip(&self.normals[1]);
@@ -181,9 +181,9 @@ fn spread(mesh: &TriangleMesh, middle: &Point3<f64>) -> Matrix3<f64> {
 }
 
 /// Sample vertices at equal index steps, with their shares of the area of all sample vertices.
-fn asked(mesh: &TriangleMesh) -> Vec<(u32, f64)> {
+fn samples(mesh: &TriangleMesh) -> Vec<(u32, f64)> {
     let (count, areas) = (mesh.vertices.len(), mesh.vertex_areas());
-    let every = (count / ASKED).max(1);
+    let every = (count / SAMPLES).max(1);
     let total: f64 = areas.iter().step_by(every).sum();
     let share = |area: f64| if total > 0.0 { area / total } else { 0.0 };
     (0..count as u32)

@@ -77,7 +77,7 @@ fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
 /// The rotation of each point: the w with the least sum of k |w x q - r x q|^2 over the targets
 /// nearby, where r takes q to its target and k is the weight.
 fn turns(points: &[Point3<f64>], targets: &[Target], radius: f64) -> Vec<Vector3<f64>> {
-    let asked: Vec<(Vector3<f64>, Vector3<f64>, f64)> = targets
+    let springs_to_targets: Vec<(Vector3<f64>, Vector3<f64>, f64)> = targets
         .iter()
         .map(|target| {
             let from = points[target.vertex as usize].coords;
@@ -91,7 +91,7 @@ fn turns(points: &[Point3<f64>], targets: &[Target], radius: f64) -> Vec<Vector3
         .collect();
     let at = |p: &Point3<f64>| {
         let (mut matrix, mut sum, mut total) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
-        for (q, by, weight) in &asked {
+        for (q, by, weight) in &springs_to_targets {
             let near = 1.0 - (q - p.coords).norm_squared() / (radius * radius);
             if near > 0.0 {
                 let k = near * near * weight;

@@ -215,9 +215,12 @@ mod tests {
             order,
             fill: vec![(2, 10e-6), (3, 30e-6), (5, 20e-6)],
         };
-        let wanted = [0.0, 5e-6, 10e-6, 30e-6, 25e-6, 20e-6, 20e-6];
-        for (frame, wanted) in wanted.into_iter().enumerate() {
-            assert!((filled.volume_at(frame) - wanted).abs() <= 1e-18, "{frame}");
+        let expected = [0.0, 5e-6, 10e-6, 30e-6, 25e-6, 20e-6, 20e-6];
+        for (frame, expected) in expected.into_iter().enumerate() {
+            assert!(
+                (filled.volume_at(frame) - expected).abs() <= 1e-18,
+                "{frame}"
+            );
         }
     }
 }

@@ -45,10 +45,10 @@ pub enum SceneProblem {
         key: String,
     },
     /// E054: a value of another type.
-    #[error("expected {wanted}, found {found}")]
+    #[error("expected {expected}, found {found}")]
     WrongType {
         /// The expected type, with an example.
-        wanted: String,
+        expected: String,
         /// The type found.
         found: String,
     },
@@ -129,7 +129,7 @@ pub enum SceneProblem {
     #[error("the list is empty")]
     EmptyList {
         /// The required content.
-        wanted: String,
+        expected: String,
     },
     /// E066: a vertex held by two bones.
     #[error("vertex {vertex} is already held by the bone `{bone}`")]
@@ -164,7 +164,7 @@ pub enum SceneProblem {
         help: String,
     },
     /// E069: an ambiguous rotation between two key frames.
-    #[error("the way from the key before to this one is not clear: {why}")]
+    #[error("the motion from the previous key to this one is ambiguous: {why}")]
     UnclearTurn {
         /// The reason.
         why: &'static str,
@@ -243,7 +243,7 @@ impl SceneProblem {
             Self::OutOfRange { allowed, .. } => format!("give {allowed}"),
             Self::UnknownKey { known, .. } => format!("known keys here: {known}"),
             Self::DuplicateKey { .. } => "keep one of the two".to_owned(),
-            Self::WrongType { wanted, .. } => format!("write {wanted}"),
+            Self::WrongType { expected, .. } => format!("write {expected}"),
             Self::Missing { add, .. } => format!("add {add}"),
             Self::Conflict { first, second } => format!("keep either `{first}` or `{second}`"),
             Self::Syntax { .. } => "write the scene as TOML, see https://toml.io".to_owned(),
@@ -258,7 +258,7 @@ impl SceneProblem {
             Self::UnknownName { known, .. } if known.is_empty() => "there are none yet".to_owned(),
             Self::UnknownName { known, .. } => format!("there are: {known}"),
             Self::DuplicateName { .. } => "give each its own name".to_owned(),
-            Self::EmptyList { wanted } => format!("give {wanted}, or leave the key out"),
+            Self::EmptyList { expected } => format!("give {expected}, or leave the key out"),
             Self::HeldTwice { .. } => "name each vertex in one attachment".to_owned(),
             Self::TooDeep { .. } => "a scene needs no more than a few levels".to_owned(),
             Self::Override { hint, .. } => hint.clone(),

@@ -140,7 +140,7 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
     let sections = section.sections("keys")?;
     if sections.is_empty() {
         return keys.fail(SceneProblem::EmptyList {
-            wanted: "at least one key".to_owned(),
+            expected: "at least one key".to_owned(),
         });
     }
     let point = centre.unwrap_or_default();

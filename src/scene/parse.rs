@@ -350,11 +350,11 @@ pub(super) fn surface_of(section: &Section<'_>, shapes: &[&str]) -> Result<Sourc
 /// The repair of `repair` and its related keys.
 pub(super) fn repair(section: &Section<'_>) -> Result<Option<RepairOptions>, SceneError> {
     section.exclusive("shape", "repair")?;
-    let wanted = section
+    let requested = section
         .get("repair")
         .map_or(Ok(false), |item| item.flag())?;
     let more = ["close_holes", "keep_largest", "merge_within"];
-    if !wanted {
+    if !requested {
         return match more.iter().find_map(|key| section.get(key)) {
             Some(item) => item.fail(SceneProblem::missing(
                 "repair",

@@ -233,7 +233,7 @@ fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
     }
     if fill.is_empty() {
         return item.fail(SceneProblem::EmptyList {
-            wanted: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned(),
+            expected: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned(),
         });
     }
     Ok(Some(fill))

@@ -67,9 +67,9 @@ impl<'a> Item<'a> {
         SceneError::new(problem, &self.key, &self.node.span, self.context.sources)
     }
 
-    fn wrong_type<T>(&self, wanted: impl Into<String>) -> Read<T> {
+    fn wrong_type<T>(&self, expected: impl Into<String>) -> Read<T> {
         self.fail(SceneProblem::WrongType {
-            wanted: wanted.into(),
+            expected: expected.into(),
             found: self.node.value.kind().to_owned(),
         })
     }
@@ -180,7 +180,7 @@ impl<'a> Item<'a> {
         Ok(Unit::new_normalize(vector / largest))
     }
 
-    fn three(&self, wanted: &str) -> Read<[Self; 3]> {
+    fn three(&self, expected: &str) -> Read<[Self; 3]> {
         let found = match &self.node.value {
             Value::List(list) => match <[Self; 3]>::try_from(self.elements(list)) {
                 Ok(three) => return Ok(three),
@@ -189,7 +189,7 @@ impl<'a> Item<'a> {
             other => other.kind().to_owned(),
         };
         self.fail(SceneProblem::WrongType {
-            wanted: wanted.to_owned(),
+            expected: expected.to_owned(),
             found,
         })
     }
@@ -204,10 +204,10 @@ impl<'a> Item<'a> {
     }
 
     /// The elements of a list.
-    pub(super) fn list(&self, wanted: &str) -> Read<Vec<Self>> {
+    pub(super) fn list(&self, expected: &str) -> Read<Vec<Self>> {
         match &self.node.value {
             Value::List(list) => Ok(self.elements(list)),
-            _ => self.wrong_type(wanted),
+            _ => self.wrong_type(expected),
         }
     }
 
@@ -216,7 +216,7 @@ impl<'a> Item<'a> {
         let items = self.list("a list of vertices such as [0, 1]")?;
         if items.is_empty() {
             return self.fail(SceneProblem::EmptyList {
-                wanted: "at least one vertex".to_owned(),
+                expected: "at least one vertex".to_owned(),
             });
         }
         let mut seen = std::collections::HashSet::new();
@@ -330,8 +330,8 @@ impl<'a> Section<'a> {
     pub(super) fn sections(&self, key: &str) -> Read<Vec<Section<'a>>> {
         match (self.get(key), self.schema.get(key)) {
             (Some(item), Some(Kind::List(schema))) => {
-                let wanted = format!("a list of sections [[{}]]", self.below(key));
-                item.list(&wanted)?
+                let expected = format!("a list of sections [[{}]]", self.below(key));
+                item.list(&expected)?
                     .iter()
                     .map(|i| i.section(schema))
                     .collect()

@@ -338,7 +338,7 @@ fn frames(item: &Item<'_>) -> Read<Vec<usize>> {
     let items = item.list("a list of frames such as [1, 50, 100]")?;
     if items.is_empty() {
         return item.fail(SceneProblem::EmptyList {
-            wanted: "at least one frame".to_owned(),
+            expected: "at least one frame".to_owned(),
         });
     }
     if items.len() > MOST_FRAMES {
@@ -443,7 +443,7 @@ fn varied(item: &Item<'_>, combine: Combine, set: &[StudyChange]) -> Read<Vec<Va
         let items = list.list("a list of values such as [1, 3, 10]")?;
         if items.is_empty() {
             return list.fail(SceneProblem::EmptyList {
-                wanted: "at least one value".to_owned(),
+                expected: "at least one value".to_owned(),
             });
         }
         let mut values: Vec<StudyChange> = Vec::new();
@@ -493,7 +493,7 @@ type Leaf<'a> = (String, Span, &'a Node);
 fn leaves<'a>(item: &Item<'a>, is_leaf: &dyn Fn(&Node) -> bool) -> Read<Vec<Leaf<'a>>> {
     let Value::Table(table) = &item.node.value else {
         return item.fail(SceneProblem::WrongType {
-            wanted: format!("a section [{}]", item.key),
+            expected: format!("a section [{}]", item.key),
             found: item.node.value.kind().to_owned(),
         });
     };
@@ -528,9 +528,9 @@ fn change(key: String, item: &Item<'_>) -> Read<StudyChange> {
         other => match toml_of(other) {
             Some(text) => text,
             None => {
-                let wanted = "a number, a text, true or false, a list, or a table".to_owned();
+                let expected = "a number, a text, true or false, a list, or a table".to_owned();
                 return item.fail(SceneProblem::WrongType {
-                    wanted,
+                    expected,
                     found: "a date or time".to_owned(),
                 });
             }

@@ -483,10 +483,10 @@ mod tests {
             ("100cc", Dimension::Volume, 1e-4),
             ("0.1 l", Dimension::Volume, 1e-4),
         ];
-        for (text, dimension, wanted) in cases {
+        for (text, dimension, expected) in cases {
             assert_eq!(
                 parse(text, dimension).map(f64::to_bits),
-                Ok(f64::to_bits(wanted)),
+                Ok(f64::to_bits(expected)),
                 "{text}"
             );
         }

@@ -218,7 +218,7 @@ fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, Lo
             let whole = surface(scene, source, &key, "patch", part.clone())?;
             let fault = || Fault::NoSuchComponent {
                 file: name_of(source),
-                wanted: component.unwrap_or(0),
+                index: component.unwrap_or(0),
             };
             let missing = || LoadError::new(scene, &format!("{key}.patch"), part, fault());
             super::attachments::component(&whole, *component)

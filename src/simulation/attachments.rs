@@ -7,9 +7,9 @@ use crate::mesh::topology::{NONE, Topology};
 /// A vertex attached to a bone.
 pub type Attached = (u32, usize);
 
-/// Component `wanted` of `patch`, by descending area; the whole patch for `None`.
-pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<TriangleMesh> {
-    let Some(wanted) = wanted else {
+/// Component `index` of `patch`, by descending area; the whole patch for `None`.
+pub fn component(patch: &TriangleMesh, index: Option<usize>) -> Option<TriangleMesh> {
+    let Some(index) = index else {
         return Some(patch.clone());
     };
     let topology = Topology::new(patch);
@@ -26,7 +26,7 @@ pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<Triangle
         }
     }
     areas.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let (_, triangles) = areas.into_iter().nth(wanted)?;
+    let (_, triangles) = areas.into_iter().nth(index)?;
     Some(TriangleMesh {
         vertices: patch.vertices.clone(),
         triangles,

@@ -50,12 +50,12 @@ pub enum Refused {
         format: u32,
     },
     /// The number of bytes is wrong.
-    #[error("it is damaged: {found} bytes where {wanted} are wanted")]
+    #[error("it is damaged: {found} bytes where {expected} are necessary")]
     Length {
         /// Number of bytes present.
         found: usize,
         /// Number of bytes declared; `None` if that is missing too.
-        wanted: Wanted,
+        expected: Wanted,
     },
     /// The checksum does not match.
     #[error("it is damaged: its checksum is not that of its bytes")]
@@ -64,7 +64,7 @@ pub enum Refused {
     #[error("it is of another simulation, which differs in {}", list(.0))]
     Differs(Vec<String>),
     /// The frame of the checkpoint is after the last frame of the scene.
-    #[error("it is of frame {frame}, beyond the last wanted, {frames}")]
+    #[error("it is of frame {frame}, beyond the last expected, {frames}")]
     Beyond {
         /// Frame of the checkpoint.
         frame: usize,
@@ -154,9 +154,9 @@ impl<'a> Checkpoint<'a> {
     /// Bytes that are no checkpoint, of another version, or damaged.
     pub fn open(bytes: &'a [u8]) -> Result<Self, Refused> {
         let body = bytes.strip_prefix(MAGIC).ok_or(Refused::NoCheckpoint)?;
-        let short = |wanted| Refused::Length {
+        let short = |expected| Refused::Length {
             found: bytes.len(),
-            wanted: Wanted(wanted),
+            expected: Wanted(expected),
         };
         let mut reader = Reader::new(body);
         let (format, by): (u32, String) = reader.take().map_err(|_| short(None))?;
@@ -167,9 +167,9 @@ impl<'a> Checkpoint<'a> {
             return Err(Refused::Version { by, format });
         }
         let length: u64 = reader.take().map_err(|_| short(None))?;
-        let wanted = length.saturating_add(CHECKSUM as u64);
-        if wanted != bytes.len() as u64 {
-            return Err(short(Some(wanted)));
+        let expected = length.saturating_add(CHECKSUM as u64);
+        if expected != bytes.len() as u64 {
+            return Err(short(Some(expected)));
         }
         let (before, checksum) = bytes.split_at(bytes.len() - CHECKSUM);
         if Hash::of(before).to_le_bytes() != checksum {

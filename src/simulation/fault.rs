@@ -62,18 +62,18 @@ pub enum Fault {
         file: String,
     },
     /// E070: the target edge length is impossible.
-    #[error("cannot refine to the wanted edge length: {why}")]
+    #[error("cannot refine to this edge length: {why}")]
     Refine {
         /// The cause.
         why: String,
     },
     /// E071: a patch has fewer components than the index requires.
-    #[error("{file} has no component {wanted} (components are counted from 0, by falling area)")]
+    #[error("{file} has no component {index} (components are counted from 0, by falling area)")]
     NoSuchComponent {
         /// File of the patch.
         file: String,
         /// Index of the component.
-        wanted: usize,
+        index: usize,
     },
     /// E072: an attachment contains no vertex.
     #[error("no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away")]

@@ -221,7 +221,7 @@ impl Simulation {
                 .map_or(Vec::new(), |c| c.obstacles().to_vec());
             let bounds =
                 Aabb::of_points(&body.system.particles.position).inflate(0.02 * body.length);
-            let met: Vec<usize> = (0..self.placed.len())
+            let newly_reached: Vec<usize> = (0..self.placed.len())
                 .filter(|o| !obstacles.contains(o))
                 .filter(|&o| {
                     let placed = &self.placed[o];
@@ -232,16 +232,16 @@ impl Simulation {
                         .intersects(&bounds)
                 })
                 .collect();
-            if met.is_empty() {
+            if newly_reached.is_empty() {
                 continue;
             }
-            for &o in &met {
+            for &o in &newly_reached {
                 self.notes.push(format!(
                     "{}: left the box that the plan foresaw at frame {} and came near {}; contact with it runs from there",
                     body.name, self.frame, self.placed[o].name
                 ));
             }
-            obstacles.extend(met);
+            obstacles.extend(newly_reached);
             obstacles.sort_unstable();
             let particles = &body.system.particles;
             body.system.contacts = Some(Contacts::new(

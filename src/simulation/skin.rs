@@ -390,7 +390,7 @@ impl Making<'_> {
                 .collect();
             each.into_iter().collect()
         };
-        let met = |members: &[usize]| {
+        let meet = |members: &[usize]| {
             near(members)
                 .into_iter()
                 .map(|o| self.obstacles[o].clone())
@@ -398,7 +398,7 @@ impl Making<'_> {
         };
         let mut parts = Vec::new();
         for (mut ready, members) in
-            grouped(self.skin, &orders, met, self.progress).map_err(refused)?
+            grouped(self.skin, &orders, meet, self.progress).map_err(refused)?
         {
             ready.method = self.scene.skin.method;
             let most = |k: &usize| {

@@ -99,7 +99,7 @@ impl Touch {
                 })
             }
             Over::Carried(_, w, n) => Some(Gap {
-                value: self.way(x).dot(&n),
+                value: self.slip_vector(x).dot(&n),
                 gradient: [n, -n * w[0], -n * w[1], -n * w[2]],
                 curvature: Matrix3::zeros(),
             }),
@@ -121,7 +121,7 @@ impl Touch {
             .gap(x)
             .map_or(0.0, |gap| law(gap - self.lift, self.soft).1);
         self.slide = self.stiffness * pressed / radius;
-        self.from = self.way(&at(self.corners(), x));
+        self.from = self.slip_vector(&at(self.corners(), x));
         self
     }
 
@@ -134,7 +134,7 @@ impl Touch {
     }
 
     /// Vector from the surface point to the vertex [m].
-    fn way(&self, x: &[Point3<f64>; 4]) -> Vector3<f64> {
+    fn slip_vector(&self, x: &[Point3<f64>; 4]) -> Vector3<f64> {
         match self.over {
             Over::Carried(_, w, _) => x[0] - x[1] - (x[2] - x[1]) * w[1] - (x[3] - x[1]) * w[2],
             Over::Plane(origin, _) => x[0] - origin,
@@ -152,7 +152,7 @@ impl Touch {
 
     /// Tangential displacement since the contact was found [m].
     fn slid(&self, x: &[Point3<f64>; 4]) -> Vector3<f64> {
-        self.along() * (self.way(x) - self.from)
+        self.along() * (self.slip_vector(x) - self.from)
     }
 }
 

@@ -255,11 +255,11 @@ pub enum SkinError {
     Solver(String),
     /// No volume gives the requested area.
     #[error(
-        "no volume up to {most_cc:.0} cc gives {wanted_cm2:.1} cm2; that volume gives {reached_cm2:.1} cm2"
+        "no volume up to {most_cc:.0} cc gives {target_cm2:.1} cm2; that volume gives {reached_cm2:.1} cm2"
     )]
     OutOfReach {
         /// Requested gain [cm^2].
-        wanted_cm2: f64,
+        target_cm2: f64,
         /// Greatest volume of the search [cm^3].
         most_cc: f64,
         /// Gain at that volume [cm^2].

@@ -136,14 +136,14 @@ mod tests {
     #[test]
     fn volumes_hold_until_the_next_filling() {
         let schedule = schedule(&[(0.0, 2e-5), (7.0, 5e-5), (14.0, 5e-5)]).unwrap();
-        for (day, wanted) in [
+        for (day, expected) in [
             (-1.0, 0.0),
             (0.0, 2e-5),
             (6.9, 2e-5),
             (7.0, 5e-5),
             (100.0, 5e-5),
         ] {
-            assert_eq!(schedule.volume(day), wanted, "day {day}");
+            assert_eq!(schedule.volume(day), expected, "day {day}");
         }
     }
 

@@ -156,7 +156,7 @@ impl SettleProgress {
 }
 
 /// The energy with contact at the present positions, and the greatest step of a round from there.
-struct Way {
+struct Path {
     energy: Energy,
     /// Value of the energy [J].
     value: f64,
@@ -164,7 +164,7 @@ struct Way {
     leash: f64,
 }
 
-impl Way {
+impl Path {
     fn new(detector: &mut Detector, x: &[Point3<f64>], start: &[Point3<f64>], leash: f64) -> Self {
         let touching = detector.touching(x);
         let energy = detector.model.energy(&touching, start);
@@ -209,9 +209,9 @@ impl Way {
 
 /// Energy [J], area [m^2] and pressures [Pa] after the last rounds.
 #[derive(Default)]
-struct Told(Vec<(f64, f64, Vec<f64>)>);
+struct History(Vec<(f64, f64, Vec<f64>)>);
 
-impl Told {
+impl History {
     /// True if energy, area and each pressure changed by at most these relative amounts over the
     /// last `rounds` rounds.
     fn within(&self, rounds: usize, shares: [f64; 3]) -> bool {
@@ -284,10 +284,10 @@ impl<'a> Descent<'a> {
     ) -> Result<(), SkinError> {
         let leash = LEASH * self.detector.model.base;
         let mut rounds = Rounds {
-            way: Way::new(&mut self.detector, x, &self.start, leash),
+            path: Path::new(&mut self.detector, x, &self.start, leash),
             descent: self,
             x,
-            told: Told::default(),
+            history: History::default(),
             done: 0,
         };
         let end = relax(&mut rounds, ROUNDS as usize, |now| {
@@ -305,8 +305,8 @@ impl<'a> Descent<'a> {
 struct Rounds<'d, 'a> {
     descent: &'d mut Descent<'a>,
     x: &'d mut [Point3<f64>],
-    way: Way,
-    told: Told,
+    path: Path,
+    history: History,
     done: usize,
 }
 
@@ -332,10 +332,10 @@ impl Relax for Rounds<'_, '_> {
         } = &mut *self.descent;
         let (model, x) = (detector.model, &mut *self.x);
         let before = x.to_owned();
-        let energy = std::mem::take(&mut self.way.energy);
+        let energy = std::mem::take(&mut self.path.energy);
         let outcome;
-        (outcome, *pressures) = model.minimise(newton, energy, x, inverse_mass, self.way.leash)?;
-        self.way = self.way.descend(detector, &before, x, start)?;
+        (outcome, *pressures) = model.minimise(newton, energy, x, inverse_mass, self.path.leash)?;
+        self.path = self.path.descend(detector, &before, x, start)?;
         progress.rounds += 1;
         progress.iterations += outcome.iterations;
         progress.residual = outcome.residual;
@@ -349,10 +349,12 @@ impl Relax for Rounds<'_, '_> {
         let moves = before.iter().zip(x.iter()).take(judged);
         progress.moved = max_or_nan(moves.map(|(a, b)| (a - b).norm()));
         let area = model.area(x);
-        self.told.0.push((self.way.value, area, pressures.clone()));
+        self.history
+            .0
+            .push((self.path.value, area, pressures.clone()));
         let is_still = all_within([(progress.moved, STILL * model.layers.edge)]);
-        let still = outcome.converged && is_still && self.told.steady();
-        progress.exhausted = !still && self.told.exhausted();
+        let still = outcome.converged && is_still && self.history.steady();
+        progress.exhausted = !still && self.history.exhausted();
         progress.converged = still || progress.exhausted;
         self.done += 1;
         Ok(true)

@@ -5,7 +5,7 @@ use super::plan::{Inserted, PreparedPatch};
 use super::settle::{STEADY, SettleProgress};
 
 /// Relative tolerance of the requested area, limited by the accuracy of areas.
-const MET: f64 = 2e-3;
+const REACHED: f64 = 2e-3;
 
 /// Greatest number of insertions.
 const TRIALS: u32 = 16;
@@ -23,30 +23,30 @@ const APART: f64 = 0.05;
 const WIDER: f64 = 1.6;
 
 impl PreparedPatch {
-    /// The insertion with a gain of `wanted` [m^2] while the implant is in place: a bracket,
+    /// The insertion with a gain of `target` [m^2] while the implant is in place: a bracket,
     /// narrowed by secants through the last two trials.
     ///
     /// # Errors
     /// A gain that no volume gives; also those of [`Ready::insert`].
     pub fn solve_for_area(
         &self,
-        wanted: f64,
+        target: f64,
         mut watch: impl FnMut(&SettleProgress) -> bool,
     ) -> Result<Inserted, SkinError> {
-        SkinError::positive("the wanted area", wanted)?;
+        SkinError::positive("the target area", target)?;
         let most = self.largest();
         let base = self.order.implant.base;
         // A cap over the base gains pi h^2; skin gains less.
-        let height = (wanted / std::f64::consts::PI).sqrt();
+        let height = (target / std::f64::consts::PI).sqrt();
         let cap = std::f64::consts::PI * height * (0.75 * base * base + height * height) / 6.0;
         let mut volume = cap.min(most);
-        let (mut low, mut high) = ((0.0, -wanted), None::<(f64, f64)>);
+        let (mut low, mut high) = ((0.0, -target), None::<(f64, f64)>);
         let mut last: Option<(Inserted, (f64, f64))> = None;
         for _ in 0..TRIALS {
             let found =
                 self.insert_after(last.as_ref().map(|(found, _)| found), &[volume], &mut watch)?;
-            let over = found.areas.gain() - wanted;
-            if over.abs() <= MET * wanted {
+            let over = found.areas.gain() - target;
+            if over.abs() <= REACHED * target {
                 return Ok(found);
             }
             if over > 0.0 {
@@ -61,7 +61,7 @@ impl PreparedPatch {
                 }
                 // The gain jumps there: the other end comes from another branch of solutions.
                 if over > 0.0 {
-                    low = (0.0, -wanted)
+                    low = (0.0, -target)
                 } else {
                     high = None
                 }
@@ -75,9 +75,9 @@ impl PreparedPatch {
             last = Some((found, (volume, over)));
             volume = match high {
                 None if low.0 >= most => {
-                    let (wanted_cm2, reached_cm2) = (wanted * 1e4, (wanted + low.1) * 1e4);
+                    let (target_cm2, reached_cm2) = (target * 1e4, (target + low.1) * 1e4);
                     return Err(SkinError::OutOfReach {
-                        wanted_cm2,
+                        target_cm2,
                         most_cc: most * 1e6,
                         reached_cm2,
                     });
@@ -91,7 +91,7 @@ impl PreparedPatch {
         }
         Err(SkinError::Solver(format!(
             "no volume gives {:.1} cm2 after {TRIALS} trials",
-            wanted * 1e4
+            target * 1e4
         )))
     }
 

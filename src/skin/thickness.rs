@@ -38,11 +38,11 @@ impl Prism {
     /// their centroids.
     fn measure(&[a, b, c, d, e, f]: &[Point3<f64>; 6]) -> (f64, [Vector3<f64>; 6]) {
         let area = ((b - a).cross(&(c - a)) + (e - d).cross(&(f - d))) / 4.0;
-        let way = ((d - a) + (e - b) + (f - c)) / 3.0;
+        let axis = ((d - a) + (e - b) + (f - c)) / 3.0;
         let third = area / 3.0;
         // The derivative of a triangle's area vector with respect to a corner is the cross product
         // with the opposite side.
-        let turned = |from: Point3<f64>, to: Point3<f64>| (from - to).cross(&way) / 4.0;
+        let turned = |from: Point3<f64>, to: Point3<f64>| (from - to).cross(&axis) / 4.0;
         let gradient = [
             turned(b, c) - third,
             turned(c, a) - third,
@@ -51,7 +51,7 @@ impl Prism {
             turned(f, d) + third,
             turned(d, e) + third,
         ];
-        (area.dot(&way), gradient)
+        (area.dot(&axis), gradient)
     }
 
     fn share(&self, x: &[Point3<f64>; 6]) -> Share {

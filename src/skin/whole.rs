@@ -53,10 +53,10 @@ pub(super) fn rim(patch: &TriangleMesh, topology: &Topology, origin: &[u32]) -> 
     }
     let kept = |v: u32| origin[v as usize] != NONE;
     let mut chains = Vec::new();
-    for (&from, ways) in next.iter().filter(|(from, _)| kept(**from)) {
-        for &way in ways {
-            let mut vertices = vec![from, way];
-            let mut last = way;
+    for (&from, successors) in next.iter().filter(|(from, _)| kept(**from)) {
+        for &second in successors {
+            let mut vertices = vec![from, second];
+            let mut last = second;
             // Where the patch touches itself it is not refined, and every vertex is kept.
             while let Some(&[then]) = next.get(&last).filter(|_| !kept(last)).map(Vec::as_slice) {
                 vertices.push(then);

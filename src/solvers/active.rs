@@ -194,9 +194,9 @@ impl Active {
             .flat_map(|row| row.terms)
             .all(|(v, w)| w == 0.0 || learnt(v));
         from.check(sound, "a row of a vertex that never touched")?;
-        let wanted = rows.len();
+        let count = rows.len();
         let active = touched.hold(rows, laplacian, unknowns);
-        from.check(active.rows.len() == wanted, "a row that cannot hold")?;
+        from.check(active.rows.len() == count, "a row that cannot hold")?;
         Ok(active)
     }
 

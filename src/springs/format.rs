@@ -162,7 +162,7 @@ impl<'a> Reader<'a> {
         for (got, place) in found.iter_mut().enumerate() {
             *place = words.next().ok_or_else(|| {
                 self.cursor
-                    .fail(ReadProblem::TooFewNumbers { got, wanted: N }, line)
+                    .fail(ReadProblem::TooFewNumbers { got, expected: N }, line)
             })?;
         }
         match words.next() {

@@ -127,7 +127,7 @@ pub fn settle_by(
     }
 }
 
-/// A system on its way to rest.
+/// A system that moves towards rest.
 struct Settling<'a, A> {
     system: &'a mut SpringSystem,
     advance: A,

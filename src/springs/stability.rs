@@ -168,11 +168,11 @@ fn extreme(diagonal: &[f64], beside: &[f64]) -> f64 {
         }
         count
     };
-    let bisect = |wanted: usize| {
+    let bisect = |rank: usize| {
         let (mut low, mut high) = (-reach, reach);
         for _ in 0..100 {
             let middle = 0.5 * (low + high);
-            if below(middle) >= wanted {
+            if below(middle) >= rank {
                 high = middle
             } else {
                 low = middle

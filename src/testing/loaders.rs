@@ -65,10 +65,10 @@ pub enum Breach {
         detail: String,
     },
     /// The text of the error is not one printable line with a code, or its place does not exist.
-    #[error("{wanted}, but the error is {text:?}")]
+    #[error("{expected}, but the error is {text:?}")]
     Unhelpful {
         /// Description of the required text.
-        wanted: &'static str,
+        expected: &'static str,
         /// The text.
         text: String,
     },
@@ -195,9 +195,9 @@ fn check_mesh(file: MeshFile) -> Result<LoadOutcome, Breach> {
 pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let text = error.terse();
     check_text(&text)?;
-    let unhelpful = |wanted| {
+    let unhelpful = |expected| {
         Err(Breach::Unhelpful {
-            wanted,
+            expected,
             text: text.clone(),
         })
     };
@@ -229,7 +229,7 @@ fn check_text(text: &str) -> Result<(), Breach> {
         .split_once("error[E")
         .and_then(|(_, rest)| rest.split_once(']'))
         .map_or("", |(code, _)| code);
-    let wanted = if code.len() != 3 || !code.bytes().all(|b| b.is_ascii_digit()) {
+    let expected = if code.len() != 3 || !code.bytes().all(|b| b.is_ascii_digit()) {
         "a code of three digits"
     } else if text.chars().any(char::is_control) {
         "one printable line"
@@ -239,7 +239,7 @@ fn check_text(text: &str) -> Result<(), Breach> {
         return Ok(());
     };
     Err(Breach::Unhelpful {
-        wanted,
+        expected,
         text: text.to_owned(),
     })
 }
@@ -342,7 +342,7 @@ fn check_scene_error(error: &SceneError) -> Result<LoadOutcome, Breach> {
     check_text(&text)?;
     if error.place().is_none() {
         return Err(Breach::Unhelpful {
-            wanted: "a place",
+            expected: "a place",
             text,
         });
     }
@@ -350,7 +350,7 @@ fn check_scene_error(error: &SceneError) -> Result<LoadOutcome, Breach> {
     match error.source_text().get(error.span()) {
         Some(_) => Ok(LoadOutcome::Refused),
         None => Err(Breach::Unhelpful {
-            wanted: "an error that can be shown",
+            expected: "an error that can be shown",
             text,
         }),
     }

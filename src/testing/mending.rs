@@ -92,7 +92,7 @@ pub fn check_repaired(
     }
     let unchanged = after == mesh && repaired.lines == lines;
     if unchanged != repaired.changes.is_empty() && repaired.changes.is_empty() {
-        return broken("a change was not told".into());
+        return broken("a change was not reported".into());
     }
     for change in &repaired.changes {
         let of_vertices = [

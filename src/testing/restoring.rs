@@ -112,7 +112,7 @@ pub fn check_state(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
 fn check_words(text: String) -> Result<(), Breach> {
     if text.len() > 300 || text.chars().any(char::is_control) {
         return Err(Breach::Unhelpful {
-            wanted: "one printable line",
+            expected: "one printable line",
             text,
         });
     }

@@ -159,9 +159,9 @@ fn a_format_is_named_in_its_table_and_in_its_own_file() {
     };
     for (module, variant) in [("off", "Off"), ("directx", "DirectX")] {
         let own = format!("src/io/{module}.rs");
-        let mut wanted = ["src/io/formats.rs", "src/io/mod.rs", &own];
-        wanted.sort_unstable();
-        assert_eq!(files(module, variant), wanted);
+        let mut expected = ["src/io/formats.rs", "src/io/mod.rs", &own];
+        expected.sort_unstable();
+        assert_eq!(files(module, variant), expected);
     }
 }
 

@@ -68,12 +68,12 @@ fn scene(name: &str, solver: &str) -> (Scene, Assets) {
     let along = |p: &Point3<f64>| (p[axis] - bounds.min[axis]) / bounds.extents()[axis];
     let middle = bounds.center().map(|c| format!("'{c} m'"));
     let across = if axis == 0 { [0, 1, 0] } else { [1, 0, 0] };
-    let held = |wanted: fn(f64) -> bool| {
+    let held = |expected: fn(f64) -> bool| {
         let all = muscle
             .vertices
             .iter()
             .enumerate()
-            .filter(|(_, p)| wanted(along(p)))
+            .filter(|(_, p)| expected(along(p)))
             .map(|(v, _)| v.to_string());
         all.collect::<Vec<_>>().join(", ")
     };
@@ -120,11 +120,11 @@ fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a StudyRo
 }
 
 fn with_one_sweep(study: &Study, substeps: u32) -> &StudyRow {
-    let wanted = |row: &&StudyRow| {
+    let expected = |row: &&StudyRow| {
         row.candidate.solver.substeps() == substeps && row.candidate.solver.iterations() == 1
     };
     of(study, "xpbd")
-        .find(wanted)
+        .find(expected)
         .expect("that many substeps are tried")
 }
 

@@ -235,11 +235,11 @@ fn g6_small_changes_are_not_lost_in_rounding() {
         let shorter = at(sample_a(), 20.0 * (1.0 - by));
         // To first order the radius of a node with multiplier 1 grows by C/B times the share.
         let lack = 20.0 / shorter.length() - 1.0;
-        let (found, wanted) = (shorter.radii()[4] - 3.4, constant / linear * lack);
+        let (found, expected) = (shorter.radii()[4] - 3.4, constant / linear * lack);
         // The remainder is the rounding of the radius itself.
         assert!(
-            (found - wanted).abs() <= 4.0 * f64::EPSILON * 3.4 + by * wanted,
-            "{by}: {found} for {wanted}"
+            (found - expected).abs() <= 4.0 * f64::EPSILON * 3.4 + by * expected,
+            "{by}: {found} for {expected}"
         );
     }
 }
@@ -442,15 +442,15 @@ fn meshes_are_closed_and_hold_the_volume_of_the_frusta() {
         },
     );
     let mesh = surface(&a, fine);
-    let wanted = a.volume() + 4.0 / 3.0 * std::f64::consts::PI;
-    let off = (measures::volume(&mesh.vertices, &mesh.triangles) / wanted - 1.0).abs();
+    let expected = a.volume() + 4.0 / 3.0 * std::f64::consts::PI;
+    let off = (measures::volume(&mesh.vertices, &mesh.triangles) / expected - 1.0).abs();
     assert!(off <= 1e-5, "{off}");
     let inside = Chain::new(ChainShape {
         caps: Caps::In,
         ..a.rest().clone()
     })
     .expect("a chain");
-    assert!((inside.volume() / wanted - 1.0).abs() <= T1);
+    assert!((inside.volume() / expected - 1.0).abs() <= T1);
 }
 
 #[test]

@@ -331,13 +331,13 @@ fn p44_control_what_is_forgotten_or_changed_shows() {
     let kept = checkpoint(&straight);
     let particles = straight.bodies[0].system.particles.clone();
     straight.step_frame();
-    let wanted = bytes_of(&straight);
+    let expected = bytes_of(&straight);
     // Everything but the memory of contact, which is that of the start.
     let mut forgetful = resumed(&scene, &kept).expect("its own checkpoint");
     forgetful.bodies[0].system.contacts = made(&scene).bodies.remove(0).system.contacts;
     forgetful.step_frame();
     assert!(
-        bytes_of(&forgetful) != wanted,
+        bytes_of(&forgetful) != expected,
         "contact was forgotten and nothing differs"
     );
     // A low bit of one position, large enough to survive the rounding of a step, with a matching
@@ -352,7 +352,7 @@ fn p44_control_what_is_forgotten_or_changed_shows() {
     let mut other = resumed(&scene, &seal(changed)).expect("a state as good as any");
     other.step_frame();
     assert!(
-        bytes_of(&other) != wanted,
+        bytes_of(&other) != expected,
         "a changed position leads to the same bytes"
     );
 }

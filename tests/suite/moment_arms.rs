@@ -119,9 +119,13 @@ fn a_straight_muscle_has_its_distance_to_the_axis() {
         let centre = running.joint.centre;
         let axis = running.joint.axis;
         let way = (fibre[8] - fibre[0]).normalize();
-        let wanted = -(axis.cross(&(mid - centre))).dot(&way);
+        let expected = -(axis.cross(&(mid - centre))).dot(&way);
         // The chord of a fibre is its tangent except for the spread from its area.
-        assert!((arm[3] - wanted).abs() <= T22 * ARM, "{} {wanted}", arm[3]);
+        assert!(
+            (arm[3] - expected).abs() <= T22 * ARM,
+            "{} {expected}",
+            arm[3]
+        );
     }
     assert!(
         (middle - 1.05 * ARM).abs() > T22 * ARM,

@@ -506,7 +506,7 @@ fn every_built_in_is_a_scene_of_its_name() {
         let y = |bone: usize| scene.bones[bone].motion.pose(frame).translation.y;
         y(0) - y(1) - 0.02
     };
-    for (frame, wanted) in [
+    for (frame, expected) in [
         (0.0, 0.044),
         (50.0, 0.0242),
         (100.0, 0.0044),
@@ -514,7 +514,7 @@ fn every_built_in_is_a_scene_of_its_name() {
         (300.0, 0.044),
     ] {
         assert!(
-            (gap(frame) - wanted).abs() < 1e-15,
+            (gap(frame) - expected).abs() < 1e-15,
             "{frame}: {}",
             gap(frame)
         );

@@ -156,19 +156,19 @@ fn sheets_over_a_sphere_have_the_area_of_an_axisymmetric_membrane() {
         // Both layers together are one membrane halfway between them: half of the depth further
         // from the sphere, with its boundary loop at the same depth below the sheet.
         let rim = (before * 1e-4 / std::f64::consts::PI).sqrt();
-        let (wanted, left) = axisymmetric::area(Membrane {
+        let (expected, left) = axisymmetric::area(Membrane {
             rim,
             sphere: 2.5e-3 + 5e-5,
             height: 5e-5,
         });
         println!(
             "{n} cells: before {before} cm2, after {after:.4}, axisymmetric {:.4}; {progress:?}",
-            wanted * 1e4
+            expected * 1e4
         );
         assert!(left <= 1e-4, "{left}");
         assert!(
-            (after / (wanted * 1e4) - 1.0).abs() <= 0.02,
-            "{n} cells: {after} cm2, axisymmetric {wanted} m2"
+            (after / (expected * 1e4) - 1.0).abs() <= 0.02,
+            "{n} cells: {after} cm2, axisymmetric {expected} m2"
         );
         found.push(after);
         coarser = Some(lying);

@@ -377,7 +377,7 @@ fn springs_and_slices_fill_a_cylinder_by_a_template() {
     let error = text(&done.stderr);
     assert_eq!(done.status.code(), Some(2), "{error}");
     for part in [
-        "the muscle's surface cannot be laid onto a sphere: ",
+        "the muscle's surface has no map to the sphere: ",
         "use --method harmonic, which takes any surface",
     ] {
         assert!(error.contains(part), "{part} is not in {error}");

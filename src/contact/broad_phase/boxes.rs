@@ -206,9 +206,9 @@ mod tests {
             assert!(visits.iter().all(|v| *v == 1), "{p}: {visits:?}");
             // Everything within the search distance is visited.
             let reach = draw.between(0.0, 4.0);
-            let mut met = vec![false; boxes.len()];
+            let mut occupied = vec![false; boxes.len()];
             boxes.search(&p, reach, |place, reach| {
-                met[boxes.index(place)] = true;
+                occupied[boxes.index(place)] = true;
                 reach
             });
             let mut skipped = 0;
@@ -217,10 +217,10 @@ mod tests {
                     for z in 0..5 {
                         let near = (boxes.nearest([x, y, z], &p) - p).norm() <= reach;
                         assert!(
-                            !near || met[boxes.index([x, y, z])],
+                            !near || occupied[boxes.index([x, y, z])],
                             "{p} within {reach}: {x} {y} {z}"
                         );
-                        skipped += usize::from(!met[boxes.index([x, y, z])]);
+                        skipped += usize::from(!occupied[boxes.index([x, y, z])]);
                     }
                 }
             }

@@ -123,19 +123,19 @@ impl Field {
             cells.around(&marked, BY_AREA)
         });
         let links: Vec<(u32, u32, usize)> = cells.links().collect();
-        let wanted = joined(&cells, &links, &contacts);
-        let count = wanted.iter().filter(|w| **w).count();
+        let connected = joined(&cells, &links, &contacts);
+        let count = connected.iter().filter(|w| **w).count();
         if count == 0 {
             return Err(FieldError::NotJoined);
         }
         let mut name = vec![NONE; cells.count()];
         (0..cells.count())
-            .filter(|&c| wanted[c])
+            .filter(|&c| connected[c])
             .enumerate()
             .for_each(|(n, c)| name[c] = n as u32);
         let kept: Vec<_> = links
             .into_iter()
-            .filter(|&(a, _, _)| wanted[a as usize])
+            .filter(|&(a, _, _)| connected[a as usize])
             .collect();
         // One thread factorises; the others search for walls.
         let (values, leads) = rayon::join(
@@ -419,9 +419,9 @@ fn contacts(
         let distance = |c: usize| {
             (cells.middle(cells.places[c].map(|k| k as usize)) - middles[1 - end]).norm()
         };
-        let met = |c: &usize| contact[*c] > 0.0;
+        let in_contact = |c: &usize| contact[*c] > 0.0;
         let farthest = (0..cells.count())
-            .filter(met)
+            .filter(in_contact)
             .map(distance)
             .fold(0.0, f64::max);
         for (c, contact) in contact

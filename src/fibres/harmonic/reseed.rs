@@ -22,7 +22,7 @@ const BATCH: usize = 8;
 /// The exchange ends after this number of batches in a row without a gain.
 const MAX_WITHOUT_GAIN: usize = 3;
 /// The octants that represent a cell: those at the corners of a tetrahedron.
-const ASKED: u8 = 0b0110_1001;
+const SAMPLED: u8 = 0b0110_1001;
 
 /// Exchanges fibres of `points` points while this increases the covered volume, unless the
 /// uncovered share exceeds `max_uncovered`. Returns the uncovered share that remains.
@@ -114,7 +114,7 @@ fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
                 (to - along * t).norm_squared()
             };
             around(cells, &a, &b, radius + 0.25 * side, |c, place| {
-                let left = cells.octants[c as usize] & ASKED & !seen[c as usize];
+                let left = cells.octants[c as usize] & SAMPLED & !seen[c as usize];
                 if left == 0 {
                     return;
                 }
@@ -190,7 +190,7 @@ impl<'a> Cover<'a> {
             if field.values[c].is_nan() {
                 0
             } else {
-                (cells.octants[c] & ASKED).count_ones()
+                (cells.octants[c] & SAMPLED).count_ones()
             }
         };
         let bare: Vec<u32> = (0..cells.count()).map(octants).collect();
@@ -359,7 +359,7 @@ mod tests {
                 let middle = cells.middle(cells.places[c].map(|k| k as usize));
                 let is_near = |n: &usize| to(&cells.octant(&middle, *n)) <= radius;
                 (0..8)
-                    .filter(|n| cells.octants[c] & ASKED & 1 << n != 0)
+                    .filter(|n| cells.octants[c] & SAMPLED & 1 << n != 0)
                     .filter(is_near)
                     .fold(0, |b, n| b | 1 << n)
             };
@@ -402,17 +402,17 @@ mod tests {
                     .count()
             };
             for c in (0..cells.count()).step_by(17) {
-                let asked: Vec<usize> = (0..8)
-                    .filter(|n| cells.octants[c] & ASKED & 1 << n != 0)
+                let octants: Vec<usize> = (0..8)
+                    .filter(|n| cells.octants[c] & SAMPLED & 1 << n != 0)
                     .collect();
                 assert!(
-                    asked
+                    octants
                         .iter()
                         .all(|&n| cover.counts[c][n] as usize == times(c, n))
                 );
                 assert_eq!(
                     cover.bare[c] as usize,
-                    asked.iter().filter(|n| times(c, **n) == 0).count()
+                    octants.iter().filter(|n| times(c, **n) == 0).count()
                 );
             }
             assert_eq!(cover.bare.iter().sum::<u32>() as usize, cover.bare_count);

@@ -20,8 +20,8 @@ pub struct Outline {
 
 /// The point of the unit square at a share of its perimeter, counter-clockwise from (0, 0).
 pub fn on_square(share: f64) -> Point2<f64> {
-    let way = 4.0 * share.clamp(0.0, 1.0);
-    match way {
+    let position = 4.0 * share.clamp(0.0, 1.0);
+    match position {
         w if w <= 1.0 => Point2::new(w, 0.0),
         w if w <= 2.0 => Point2::new(1.0, w - 1.0),
         w if w <= 3.0 => Point2::new(3.0 - w, 1.0),

@@ -285,7 +285,7 @@ impl<'a> Body<'a> {
             for (axis, property) in [x, y, z].into_iter().enumerate() {
                 let value = record.first(property).ok_or(ReadProblem::TooFewNumbers {
                     got: axis,
-                    wanted: 3,
+                    expected: 3,
                 })?;
                 position[axis] = match value {
                     Number::Beyond(0.0) => {
@@ -333,7 +333,7 @@ impl<'a> Body<'a> {
             for (got, property) in [first, second].into_iter().enumerate() {
                 let value = record
                     .first(property)
-                    .ok_or(ReadProblem::TooFewNumbers { got, wanted: 2 })?;
+                    .ok_or(ReadProblem::TooFewNumbers { got, expected: 2 })?;
                 corners[got] = surface.index(whole_index(value)?)?;
             }
             surface.line(&corners)
@@ -407,7 +407,7 @@ impl<'a> Body<'a> {
                 return Err(here.fail(
                     ReadProblem::TooFewNumbers {
                         got,
-                        wanted: got + 1,
+                        expected: got + 1,
                     },
                     line,
                 ));

@@ -78,15 +78,15 @@ fn refused(types: &CellTypes<'_>, i: usize, problem: ReadProblem) -> ReadError {
     types.0.fail(i, problem)
 }
 
-fn exactly(wanted: usize, corners: &[u32]) -> Result<(), ReadProblem> {
+fn exactly(expected: usize, corners: &[u32]) -> Result<(), ReadProblem> {
     let got = corners.len();
-    match got.cmp(&wanted) {
+    match got.cmp(&expected) {
         std::cmp::Ordering::Equal => Ok(()),
-        std::cmp::Ordering::Less => Err(ReadProblem::TooFewCorners { got, wanted }),
+        std::cmp::Ordering::Less => Err(ReadProblem::TooFewCorners { got, expected }),
         std::cmp::Ordering::Greater => {
             let (what, declared) = (
                 "the number of corners and the type of a cell",
-                wanted as u64,
+                expected as u64,
             );
             Err(ReadProblem::SizeMismatch {
                 what,

@@ -63,14 +63,14 @@ fn real_muscles() {
         println!("skipped: {} muscles, no data folder", names.len());
         return;
     };
-    let wanted = 0.004;
+    let target = 0.004;
     for name in names {
         let mesh = read_obj(&data.join("body/muscles").join(format!("{name}.obj")));
         let start = Instant::now();
         let Refined {
             mesh: refined,
             report,
-        } = refine(&mesh, wanted).expect("sound");
+        } = refine(&mesh, target).expect("sound");
         println!(
             "{name}: {} -> {} vertices, edges {:.2}..{:.2} mm, angle {:.1} deg, deviation {:.3} mm, volume {:+.4} %, {:.2} s",
             mesh.vertices.len(),
@@ -83,11 +83,11 @@ fn real_muscles() {
             start.elapsed().as_secs_f64()
         );
         assert_same_kind(&mesh, &refined);
-        assert!(report.max_edge <= 1.6 * wanted, "{report:?}");
-        assert!(report.min_edge >= 0.3 * wanted, "{report:?}");
+        assert!(report.max_edge <= 1.6 * target, "{report:?}");
+        assert!(report.min_edge >= 0.3 * target, "{report:?}");
         assert!(report.min_angle.to_degrees() >= 15.0, "{report:?}");
-        assert!(report.deviation <= 0.125 * wanted, "{report:?}");
-        assert!(report.volume_change.abs() < 1.25 * wanted, "{report:?}");
+        assert!(report.deviation <= 0.125 * target, "{report:?}");
+        assert!(report.volume_change.abs() < 1.25 * target, "{report:?}");
     }
 }
 
@@ -202,14 +202,14 @@ fn the_same_input_gives_the_same_bits() {
 #[test]
 fn it_can_be_stopped_wherever_it_is_and_not_being_stopped_changes_nothing() {
     let mesh = tube(0.5, 2.0, 30);
-    let asked = std::cell::Cell::new(0);
+    let queries = std::cell::Cell::new(0);
     let counted = |_: &str, _: usize, _: usize| {
-        asked.set(asked.get() + 1);
+        queries.set(queries.get() + 1);
         ControlFlow::Continue(())
     };
     assert_eq!(refine_with(&mesh, 0.05, &counted), refine(&mesh, 0.05));
-    let all = asked.get();
-    assert!(all > 50, "asked {all} times only");
+    let all = queries.get();
+    assert!(all > 50, "queries {all} times only");
     for at in [0, 1, all / 4, all / 2, all - 2, all - 1] {
         let left = std::cell::Cell::new(at);
         let progress = |_: &str, _: usize, _: usize| match left.replace(left.get() - 1) {
@@ -221,7 +221,7 @@ fn it_can_be_stopped_wherever_it_is_and_not_being_stopped_changes_nothing() {
             Err(RefineError::Stopped),
             "after {at} of {all}"
         );
-        assert_eq!(left.get(), -1, "asked again after it had said no");
+        assert_eq!(left.get(), -1, "queries again after it had said no");
     }
 }
 

@@ -5,7 +5,7 @@ use std::cell::Cell;
 
 use nalgebra::{Point3, Vector3};
 
-use super::ASKED;
+use super::QUERIES;
 use crate::mesh::closest::{SurfaceTree, closest_on_triangle};
 use crate::mesh::{Topology, TriangleMesh};
 use crate::progress::Progress;
@@ -55,7 +55,7 @@ pub(super) struct Working<'a> {
     reach: f64,
     progress: &'a dyn Progress,
     /// Number of checks for cancellation.
-    asked: usize,
+    queries: usize,
     stopped: bool,
 }
 
@@ -111,7 +111,7 @@ impl<'a> Working<'a> {
             carried: vec![Vec::new(); mesh.triangles.len()],
             reach: edge_length,
             progress,
-            asked: 0,
+            queries: 0,
             stopped: false,
         };
         working.watch(mesh, topology, 0.5 * edge_length);
@@ -121,10 +121,10 @@ impl<'a> Working<'a> {
     /// True if the work continues with the next edge, vertex or triangle; after a stop always
     /// false.
     pub fn goes_on(&mut self) -> bool {
-        if !self.stopped && self.asked.is_multiple_of(ASKED) {
+        if !self.stopped && self.queries.is_multiple_of(QUERIES) {
             self.stopped = self.progress.is_stopped();
         }
-        self.asked += 1;
+        self.queries += 1;
         !self.stopped
     }
 
@@ -209,8 +209,8 @@ impl<'a> Working<'a> {
         all
     }
 
-    /// All edges whose length satisfies `wanted`, shortest first, ties in vertex order.
-    pub fn edges_by_length(&self, wanted: impl Fn(f64) -> bool) -> Vec<(f64, u32, u32)> {
+    /// All edges whose length satisfies `selects`, shortest first, ties in vertex order.
+    pub fn edges_by_length(&self, selects: impl Fn(f64) -> bool) -> Vec<(f64, u32, u32)> {
         let mut edges = Vec::new();
         for t in self.triangles.iter().filter(|t| t[0] != NONE) {
             for k in 0..3 {
@@ -222,7 +222,7 @@ impl<'a> Working<'a> {
                         && self.is_rim(a, b));
                 if once {
                     let length = self.length(a, b);
-                    if wanted(length) {
+                    if selects(length) {
                         edges.push((length, a.min(b), a.max(b)));
                     }
                 }

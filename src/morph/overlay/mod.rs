@@ -74,12 +74,12 @@ pub enum OverlayError {
         angle: f64,
     },
     /// The number of positions does not match the map.
-    #[error("{found} positions for a map of {wanted} vertices")]
+    #[error("{found} positions for a map of {expected} vertices")]
     Positions {
         /// Number given.
         found: usize,
         /// Number required.
-        wanted: usize,
+        expected: usize,
     },
     /// A small rotation folded a thin triangle.
     #[error(transparent)]
@@ -178,11 +178,11 @@ impl Overlay {
     }
 
     fn check(&self, places: &[Point3<f64>], side: usize) -> Result<(), OverlayError> {
-        let (found, wanted) = (places.len(), self.counts[side]);
-        if found == wanted {
+        let (found, expected) = (places.len(), self.counts[side]);
+        if found == expected {
             Ok(())
         } else {
-            Err(OverlayError::Positions { found, wanted })
+            Err(OverlayError::Positions { found, expected })
         }
     }
 }
@@ -214,7 +214,7 @@ fn overlay_map(
         }
     };
     let on: Vec<Located> = map.points().iter().map(locate).collect::<Result<_, _>>()?;
-    let way = |&[a, b]: &[u32; 2]| {
+    let crossings_of_edge = |&[a, b]: &[u32; 2]| {
         let (from, to) = (a as usize, b as usize);
         ground.crossed(
             &map.points()[from],
@@ -223,7 +223,10 @@ fn overlay_map(
             on[to].triangle,
         )
     };
-    let crossed = edges.iter().map(way).collect::<Result<_, _>>()?;
+    let crossed = edges
+        .iter()
+        .map(crossings_of_edge)
+        .collect::<Result<_, _>>()?;
     Ok(OverlaidMap { on, crossed })
 }
 

@@ -65,7 +65,7 @@ pub enum RegisterError {
     },
     /// RANSAC found no motion with enough agreement.
     #[error(
-        "no start found in {draws} draws: the best lays {inliers} of {of} points onto the other surface, {wanted} are wanted"
+        "no start found in {draws} draws: the best lays {inliers} of {of} points onto the other surface, {required} are required"
     )]
     NoStart {
         /// Number of draws.
@@ -75,7 +75,7 @@ pub enum RegisterError {
         /// Number of tested points.
         of: usize,
         /// Required number of agreeing points.
-        wanted: usize,
+        required: usize,
     },
     /// The linear system of the deformation has no solution.
     #[error(transparent)]

@@ -139,7 +139,7 @@ struct Search<'a> {
     /// Vertices of the moving surface with a normal, and the diagonal of their box.
     with: Vec<u32>,
     size: f64,
-    wanted: usize,
+    required: usize,
 }
 
 impl Ransac {
@@ -154,7 +154,7 @@ impl Ransac {
         fixed: &RegistrationSurface<'_>,
     ) -> Result<Similarity3<f64>, RegisterError> {
         let found = self.best(moving, fixed, &[], &Silent)?;
-        if found.inliers >= found.wanted {
+        if found.inliers >= found.required {
             Ok(found.motion)
         } else {
             Err(found.too_few())
@@ -183,7 +183,7 @@ impl Ransac {
                 draws: drawn,
                 ..begun
             };
-            if begun.inliers >= begun.wanted {
+            if begun.inliers >= begun.required {
                 return Ok(begun);
             }
             best = Some((score, begun));
@@ -192,7 +192,7 @@ impl Ransac {
             draws: 0,
             inliers: 0,
             of: 0,
-            wanted: 0,
+            required: 0,
         };
         best.map(|b| b.1).ok_or(none)
     }
@@ -214,8 +214,8 @@ impl Ransac {
             ))
         .ceil();
         let mut best: Vec<(usize, Similarity3<f64>)> = Vec::new();
-        let (mut wanted, mut count) = (needed.max(1.0) as usize, 0);
-        while count < wanted {
+        let (mut required, mut count) = (needed.max(1.0) as usize, 0);
+        while count < required {
             if progress.is_stopped() {
                 return Err(RegisterError::Stopped);
             }
@@ -247,7 +247,7 @@ impl Ransac {
             let enough = (self.patience
                 * draws_needed(seen.clamp(0.01, 0.99), 2, self.sure.clamp(0.0, 0.999_999)))
             .ceil();
-            wanted = wanted.min(enough.max(1.0) as usize);
+            required = required.min(enough.max(1.0) as usize);
         }
         let starts: Vec<Similarity3<f64>> = others
             .iter()
@@ -258,7 +258,7 @@ impl Ransac {
         first.sort_by_key(|f| std::cmp::Reverse(f.0));
         first.truncate(BEST);
         let starts: Vec<Similarity3<f64>> = first.iter().map(|f| f.2).collect();
-        let (of, wanted) = (search.tried.len(), search.wanted);
+        let (of, required) = (search.tried.len(), search.required);
         let found = search
             .refined(&starts, 30)
             .into_iter()
@@ -267,7 +267,7 @@ impl Ransac {
             draws: count,
             inliers: 0,
             of,
-            wanted,
+            required,
         };
         let (score, inliers, motion) = found.ok_or(none)?;
         Ok((
@@ -277,7 +277,7 @@ impl Ransac {
                 draws: count,
                 inliers,
                 of,
-                wanted,
+                required,
             },
         ))
     }
@@ -295,7 +295,7 @@ pub struct InitialAlignment {
     /// Number of tested points.
     pub of: usize,
     /// Required number of agreeing points.
-    pub wanted: usize,
+    pub required: usize,
 }
 
 impl InitialAlignment {
@@ -305,14 +305,14 @@ impl InitialAlignment {
             draws,
             inliers,
             of,
-            wanted,
+            required,
             ..
         } = *self;
         RegisterError::NoStart {
             draws,
             inliers,
             of,
-            wanted,
+            required,
         }
     }
 }
@@ -343,7 +343,7 @@ impl<'a> Search<'a> {
             .map(|i| with[i as usize])
             .collect();
         // Two thirds of the expected good points, since some lie at boundaries.
-        let wanted = ((settings.good * tried.len() as f64 * 2.0 / 3.0).ceil() as usize).max(3);
+        let required = ((settings.good * tried.len() as f64 * 2.0 / 3.0).ceil() as usize).max(3);
         let size = Aabb::of_points(with.iter().map(|&v| &moving.points()[v as usize]))
             .extents()
             .norm();
@@ -356,7 +356,7 @@ impl<'a> Search<'a> {
             tried,
             with,
             size,
-            wanted,
+            required,
         };
         for &i in &search.listed {
             for &j in &search.listed {
@@ -494,7 +494,7 @@ impl<'a> Search<'a> {
         };
         let first = self.tried.iter().take(FIRST).filter(agrees).count();
         if let Some(least) = least {
-            let share = self.wanted.max(least) as f64 / self.tried.len() as f64;
+            let share = self.required.max(least) as f64 / self.tried.len() as f64;
             if (first as f64) < 0.5 * share * FIRST as f64 {
                 return 0;
             }

@@ -130,13 +130,13 @@ pub enum SphereError {
         triangle: u32,
     },
     /// A given map covers the sphere more than once.
-    #[error("the map covers the sphere {times} times, where once is wanted")]
+    #[error("the map covers the sphere {times} times, where once is expected")]
     Covers {
         /// Number of covers.
         times: f64,
     },
     /// A point of a given map is not on the unit sphere.
-    #[error("vertex {vertex} lies at {radius} from the centre of the map, where 1 is wanted")]
+    #[error("vertex {vertex} lies at {radius} from the centre of the map, where 1 is expected")]
     Radius {
         /// The vertex.
         vertex: u32,

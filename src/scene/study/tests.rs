@@ -42,7 +42,7 @@ fn values_are_written_as_behind_set() {
     ];
     assert_eq!(keys(&study.set), set);
     let varied: Vec<_> = study.vary.iter().flat_map(|v| keys(&v.values)).collect();
-    let wanted = [
+    let expected = [
         ("solver.pbd.iterations", "1"),
         ("solver.pbd.iterations", "3"),
         ("muscle.0.force.0.force", "[\"0 N\", \"-1 N\", \"0 N\"]"),
@@ -52,7 +52,7 @@ fn values_are_written_as_behind_set() {
             "{acceleration = [\"0 m/s2\", \"0 m/s2\", \"0 m/s2\"]}",
         ),
     ];
-    assert_eq!(varied, wanted);
+    assert_eq!(varied, expected);
     assert_eq!(keys(&study.reference), [("solver.pbd.iterations", "100")]);
 }
 

@@ -117,7 +117,7 @@ impl Fingerprint {
         } = plan;
         self.add(format!("the effects that run on muscle `{name}`"), effects);
         self.add(
-            format!("the bones in reach of muscle `{name}` over all frames that are wanted"),
+            format!("the bones in reach of muscle `{name}` over all requested frames"),
             obstacles,
         );
     }

@@ -26,7 +26,7 @@ impl Plan {
             plan.add_part(scene, part, obstacles);
         }
         for (effect, why) in [
-            ("growth", "told from published ratios, not simulated"),
+            ("growth", "estimated from published ratios, not simulated"),
             (
                 "bending",
                 "two layers resist it; it has no stiffness of its own",

@@ -61,7 +61,7 @@ fn a_closed_skin_stays_closed_and_the_region_as_it_was() {
         );
         // The region's triangles in their order.
         let names = &whole.vertices[0];
-        let wanted = ready
+        let expected = ready
             .region
             .triangles
             .iter()
@@ -73,7 +73,7 @@ fn a_closed_skin_stays_closed_and_the_region_as_it_was() {
             .zip(&whole.owner)
             .filter(|(_, owner)| **owner == 0)
             .map(|(t, _)| *t);
-        assert!(wanted.eq(found), "edges of {edge} m");
+        assert!(expected.eq(found), "edges of {edge} m");
         for (v, name) in names.iter().enumerate() {
             assert_eq!(ready.patch.vertices[v], whole.mesh.vertices[*name as usize]);
             assert!(

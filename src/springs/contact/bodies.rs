@@ -87,7 +87,7 @@ impl Bodies {
         self.bodies.iter_mut().for_each(CollidingBody::refit);
         let contacts = find(&mut self.bodies, &self.obstacles);
         let inside = contacts.iter().filter(|t| t.depth > 0.0).count();
-        let met = StepContacts {
+        let summary = StepContacts {
             inside,
             crossings: contacts.len() - inside,
             depth: max_or_nan(contacts.iter().map(|t| t.depth)),
@@ -107,7 +107,7 @@ impl Bodies {
             self.put_out(&contacts);
         }
         self.check(dt)?;
-        Ok(met)
+        Ok(summary)
     }
 
     fn check(&self, dt: f64) -> Result<(), StepError> {

@@ -143,23 +143,23 @@ impl VoxelGrid {
     /// Pairs of cubes, as indices into [`Self::cells`], and triangles of another surface that
     /// intersect them, by a descent of its hierarchy, refitted to `x` [m]. Ascending by cube;
     /// rounding can add a pair but never removes one.
-    pub fn met_by(
+    pub fn pairs_with(
         &self,
         hierarchy: &Hierarchy,
         x: &[Point3<f64>],
         triangles: &[[u32; 3]],
     ) -> Vec<[u32; 2]> {
-        let mut met = Vec::new();
+        let mut found = Vec::new();
         for (index, &cell) in self.cells.iter().enumerate() {
-            let begin = met.len();
+            let begin = found.len();
             hierarchy.meeting(&self.bounds(cell).inflate(self.slack), |t| {
                 if self.may_meet(&triangles[t as usize].map(|v| x[v as usize]), cell) {
-                    met.push([index as u32, t]);
+                    found.push([index as u32, t]);
                 }
             });
-            met[begin..].sort_unstable();
+            found[begin..].sort_unstable();
         }
-        met
+        found
     }
 
     /// All pairs of a triangle of this surface and one of another that intersect the same cube,
@@ -170,8 +170,8 @@ impl VoxelGrid {
         x: &[Point3<f64>],
         triangles: &[[u32; 3]],
     ) -> Vec<[u32; 2]> {
-        let met = self.met_by(hierarchy, x, triangles);
-        let both = met.iter().flat_map(|&[cell, t]| {
+        let found = self.pairs_with(hierarchy, x, triangles);
+        let both = found.iter().flat_map(|&[cell, t]| {
             self.triangles(cell as usize)
                 .iter()
                 .map(move |&own| [own, t])

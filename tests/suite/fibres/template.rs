@@ -86,7 +86,7 @@ fn no_template_is_folded_and_a_swap_would_be() {
 #[test]
 fn grids_are_nearly_square() {
     let sides = |count: usize| Sampling::new(count, 15).expect("a grid").points;
-    for (count, wanted) in [
+    for (count, expected) in [
         (100, [10, 10]),
         (50, [10, 5]),
         (24, [6, 4]),
@@ -94,7 +94,7 @@ fn grids_are_nearly_square() {
         (6, [3, 2]),
         (200, [20, 10]),
     ] {
-        assert_eq!(sides(count), [wanted[0], wanted[1], 15], "{count}");
+        assert_eq!(sides(count), [expected[0], expected[1], 15], "{count}");
     }
     // A prime has no grid: 7 uses 2 by 4, 101 uses 13 by 8.
     assert_eq!((sides(7), sides(101)), ([4, 2, 15], [13, 8, 15]));

@@ -230,7 +230,7 @@ fn a_map_over_itself_is_turned_a_little_and_says_so() {
         wrong,
         OverlayError::Positions {
             found: 161,
-            wanted: 162
+            expected: 162
         }
     );
 }
@@ -299,7 +299,7 @@ fn the_laplacian_blend_keeps_the_volume_where_parts_turn() {
         volume(&linear(&first.vertices, &second.vertices, 0.5).expect("shapes")),
     );
     println!(
-        "volume halfway: {kept:.4} by turning Laplacians, {straight:.4} linear, {mean:.4} wanted"
+        "volume halfway: {kept:.4} by turning Laplacians, {straight:.4} linear, {mean:.4} expected"
     );
     assert!(
         (kept - mean).abs() < 0.5 * (straight - mean).abs(),

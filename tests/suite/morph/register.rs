@@ -486,7 +486,7 @@ fn what_cannot_be_registered_is_refused() {
         .start(&surface, &thin)
         .expect_err("no start");
     assert!(
-        matches!(error, RegisterError::NoStart { wanted, .. } if wanted > 3),
+        matches!(error, RegisterError::NoStart { required, .. } if required > 3),
         "{error}"
     );
 }

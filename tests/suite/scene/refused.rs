@@ -192,7 +192,7 @@ refused! {
         "s.toml:1:85: error[E067]: values are nested deeper than 64; a scene needs no more than a few levels";
     e069_unclear_turn: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
         keys = [\n{ frame = 0, angle = '90deg' },\n{ frame = 9, angle = '4 rad', axis = [0, 1, 0] }]\n[[muscle]]") =>
-        "s.toml:11:1: error[E069]: bone.0.motion.keys.1: the way from the key before to this one is not clear: \
+        "s.toml:11:1: error[E069]: bone.0.motion.keys.1: the motion from the previous key to this one is ambiguous: \
          the axis changes and the turn is near half a turn or more; add key frames between the two";
 }
 
@@ -205,7 +205,7 @@ fn e060_missing_file_and_folder() {
         )
     };
     let (folder, variable) = (folder(), " and the value of the variable");
-    let wanted = |path: &Path, why: &str, hint: &str| {
+    let expected = |path: &Path, why: &str, hint: &str| {
         let path = path.display();
         format!(
             "s.toml:5:8: error[E060]: bone.0.mesh: {}; check the path{hint}",
@@ -218,7 +218,7 @@ fn e060_missing_file_and_folder() {
     };
     assert_eq!(
         terse(&mesh("no.obj")),
-        wanted(
+        expected(
             &folder.join("no.obj"),
             "",
             "; it is relative to the scene's folder"
@@ -226,15 +226,15 @@ fn e060_missing_file_and_folder() {
     );
     assert_eq!(
         terse(&mesh("$HERE/a/../no.obj")),
-        wanted(&folder.join("a/../no.obj"), "", variable)
+        expected(&folder.join("a/../no.obj"), "", variable)
     );
     assert_eq!(
         terse(&mesh("$HERE/.")),
-        wanted(&folder.join("."), "it is a folder", variable)
+        expected(&folder.join("."), "it is a folder", variable)
     );
     assert_eq!(
         terse(&mesh("/no.obj")),
-        wanted(Path::new("/no.obj"), "", "")
+        expected(Path::new("/no.obj"), "", "")
     );
     assert!(read(&mesh("$HERE/femur.obj")).is_ok());
     assert!(read(&mesh("${HERE}/femur.obj")).is_ok());

@@ -151,10 +151,10 @@ fn an_inflated_film_gains_what_a_cap_gains() {
             last = now;
         }
         let film = area(&x, &mesh.triangles) - before;
-        let wanted = PI * height(volume).powi(2);
+        let expected = PI * height(volume).powi(2);
         assert!(
-            (film / wanted - 1.0).abs() <= 0.01,
-            "{volume}: {film} m2, a cap {wanted} m2"
+            (film / expected - 1.0).abs() <= 0.01,
+            "{volume}: {film} m2, a cap {expected} m2"
         );
         // The same membrane with elastic springs, at rest when flat.
         let (springs, stiffness) = springs_of(&mesh, &topology, 400.0);
@@ -163,12 +163,12 @@ fn an_inflated_film_gains_what_a_cap_gains() {
         let gain = area(&elastic, &mesh.triangles) - before;
         // No surface on this mesh with this volume has less area than the film.
         assert!(
-            gain >= film * (1.0 - 1e-4) && gain >= 0.99 * wanted,
-            "{volume}: {gain} m2, a cap {wanted} m2"
+            gain >= film * (1.0 - 1e-4) && gain >= 0.99 * expected,
+            "{volume}: {gain} m2, a cap {expected} m2"
         );
         assert!(
-            gain <= 1.2 * wanted,
-            "{volume}: {gain} m2, a cap {wanted} m2"
+            gain <= 1.2 * expected,
+            "{volume}: {gain} m2, a cap {expected} m2"
         );
     }
 }

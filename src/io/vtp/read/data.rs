@@ -173,12 +173,12 @@ mod tests {
     fn pieces_are_joined_and_texts_left_out() {
         let data = "<DataArray type=\"Int8\" Name=\"n\">1 2 3</DataArray><DataArray type=\"String\" Name=\"s\">9</DataArray>";
         let found = point_data(file(data, 2).as_bytes(), "a", 1 << 20).unwrap();
-        let wanted = PointData {
+        let expected = PointData {
             name: "n".into(),
             components: 1,
             values: vec![1.0, 2.0, 3.0, 1.0, 2.0, 3.0],
         };
-        assert_eq!(found, [wanted]);
+        assert_eq!(found, [expected]);
         let lacking = file(data, 2).replacen("\"n\"", "\"m\"", 1);
         assert_eq!(point_data(lacking.as_bytes(), "a", 1 << 20).unwrap(), []);
         assert_eq!(

@@ -38,12 +38,12 @@ impl PartialOrd for Distance {
     }
 }
 
-struct Ways<'a> {
+struct GeodesicDistances<'a> {
     points: &'a [Point3<f64>],
     rings: Vec<Vec<u32>>,
 }
 
-impl<'a> Ways<'a> {
+impl<'a> GeodesicDistances<'a> {
     fn new(points: &'a [Point3<f64>], triangles: &[[u32; 3]]) -> Self {
         let mut rings: Vec<Vec<u32>> = vec![Vec::new(); points.len()];
         for &[a, b, c] in triangles {
@@ -126,9 +126,9 @@ impl<'a> Ways<'a> {
 
 impl Clusters {
     pub(super) fn new(points: &[Point3<f64>], triangles: &[[u32; 3]], count: usize) -> Self {
-        let ways = Ways::new(points, triangles);
-        let seeds = ways.seeds(count.max(1));
-        let near = ways.nearest(&seeds, FOLLOWED + 1);
+        let geodesics = GeodesicDistances::new(points, triangles);
+        let seeds = geodesics.seeds(count.max(1));
+        let near = geodesics.nearest(&seeds, FOLLOWED + 1);
         let alone = |p: &Point3<f64>| {
             let square = |s: &u32| (points[*s as usize] - p).norm_squared();
             let nearest = seeds

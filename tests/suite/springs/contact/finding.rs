@@ -605,7 +605,7 @@ fn voxels_know_what_a_surface_meets() {
         let voxels = VoxelGrid::new(&own.vertices, &own.triangles, side).expect("voxels");
         let tree = tree(&other);
         let met: BTreeSet<[u32; 2]> = voxels
-            .met_by(&tree, &other.vertices, &other.triangles)
+            .pairs_with(&tree, &other.vertices, &other.triangles)
             .into_iter()
             .collect();
         let mut sampled = 0;
