@@ -62,8 +62,8 @@ tendons, which are no part of the fibres.
 
 Methods: `harmonic`, along the gradient of a harmonic field between the areas, for any surface; `superficial`, along the lines of
 --lines on the surface, whose directions are spread through the inside; `springs` and `slices`, older ones to compare with, along
-the fibres of a --template, laid onto the surface with springs inside, or slice by slice. Springs need a closed surface without
-handles; both may leave the muscle, fold, and slices miss the areas: it is measured and told.
+the fibres of a --template, mapped onto the surface with springs inside, or slice by slice. Springs need a closed surface without
+handles; both may leave the muscle, fold, and slices miss the areas: both are measured and reported.
 
 Templates: `parallel`, areas at opposite ends; `pennate`, at opposite sides, fibres oblique; `curved`, on the same side, fibres in
 arches; `rectus`, areas narrower than the belly.

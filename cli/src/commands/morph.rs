@@ -33,7 +33,7 @@ Examples:
 
 Both surfaces must be closed, in one piece and without handles; `pliant check FILE --repair DIR` mends most that are not. Each is
 spread over a sphere without folds, the first is turned and drawn until like parts lie over each other, and with `--topology merged`
-the surface in between has the vertices and edges of both, so that both ends are met exactly; with `first` it has those of A.
+the surface in between has the vertices and edges of both, so that both ends are reproduced exactly; with `first` it has those of A.
 
 PAIRS is a text file with a line `VERTEX_OF_A VERTEX_OF_B` for each pair that must meet, vertices counted from 0 as in the files,
 or six coordinates `X Y Z X Y Z` in the unit of the files, each of which means the nearest vertex; # begins a comment.
@@ -44,7 +44,7 @@ hold `origin` (0: a vertex of A, 1: of B, 2: a crossing of edges) and `way` (how
 Results in pliant-out/A-B-morph: frames/*.vtp, A-B.pvd, A-B.gif, sheet.png, spheres.png, measures.csv (volume and area over t),
 summary.json, report.html.
 
-Exit codes: 0 done; 1 an end is not met, or files could not be written; 2 bad usage or input; 130 after Ctrl-C, with nothing
+Exit codes: 0 done; 1 an end is not reproduced, or files could not be written; 2 bad usage or input; 130 after Ctrl-C, with nothing
 written.")]
 pub(super) struct Arguments {
     /// The surface at t = 0

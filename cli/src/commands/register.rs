@@ -108,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ..NonRigid::default()
         }),
     };
-    let laid = match register_surfaces(
+    let registration = match register_surfaces(
         &surfaces[0],
         &surfaces[1],
         &settings,
@@ -123,14 +123,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ));
             return Ok(FAILED);
         }
-        Ok(laid) => laid,
+        Ok(registration) => registration,
     };
     let registration = Registration {
         name,
         files: paths.map(|p| p.display().to_string()),
         meshes: [&a.mesh, &b.mesh],
         data: &a.data,
-        laid: &laid,
+        registration: &registration,
         motion,
         overlap: arguments.overlap,
         seed: arguments.seed,

@@ -170,7 +170,7 @@ pub struct Sweeps {
 
 /// An array, with the surfaces that have it.
 #[derive(Clone, Debug, Serialize)]
-pub struct Told {
+pub struct CarriedArray {
     name: String,
     components: usize,
     of: &'static str,
@@ -212,7 +212,7 @@ pub struct Summary {
     volume_1: f64,
     area_0: f64,
     area_1: f64,
-    arrays: Vec<Told>,
+    arrays: Vec<CarriedArray>,
     times: Seconds,
     #[serde(skip)]
     verdicts: Vec<Verdict>,
@@ -242,7 +242,7 @@ impl Summary {
             )
         };
         format!(
-            "{}{}common: {} vertices, {} triangles, V - E + F = {}; aligned by {}{}\nvolume {} to {}, {} frames; ends are met to {:.1e} \
+            "{}{}common: {} vertices, {} triangles, V - E + F = {}; aligned by {}{}\nvolume {} to {}, {} frames; the ends are reproduced to {:.1e} \
              and {:.1e} of the size\n",
             side("A", &self.a),
             side("B", &self.b),
@@ -294,7 +294,7 @@ impl Morph<'_> {
             self.shapes.len().saturating_sub(1),
             topology.euler_characteristic(),
         );
-        let told = |c: &Carried| Told {
+        let array = |c: &Carried| CarriedArray {
             name: c.name.clone(),
             components: c.components,
             of: c.sides(),
@@ -338,7 +338,7 @@ impl Morph<'_> {
             volume_1: at(last, volume),
             area_0: at(0, area),
             area_1: at(last, area),
-            arrays: self.data.iter().map(told).collect(),
+            arrays: self.data.iter().map(array).collect(),
             times: Seconds {
                 read_s: self.seconds[0],
                 map_a_s: between.times.maps[0],

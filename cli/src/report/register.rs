@@ -35,7 +35,7 @@ pub struct Registration<'a> {
     /// Numbers at the vertices of the first surface.
     pub data: &'a [PointData],
     /// Result of the registration.
-    pub laid: &'a SurfaceRegistration,
+    pub registration: &'a SurfaceRegistration,
     /// Degrees of freedom.
     pub motion: FitMotion,
     /// Given share of the first surface that corresponds to the second.
@@ -155,14 +155,15 @@ impl Registration<'_> {
 
     /// Computes the summary.
     pub fn summary(&self) -> Summary {
-        let (laid, [a, b]) = (self.laid, self.meshes);
-        let motion = &laid.registered.motion;
+        let (registration, [a, b]) = (self.registration, self.meshes);
+        let motion = &registration.registered.motion;
         let rows = motion.to_homogeneous();
-        let share = laid.share();
-        let bent = laid.bent.as_ref().map(|bent| {
+        let share = registration.share();
+        let bent = registration.bent.as_ref().map(|bent| {
             let rigid = a.vertices.iter().map(|p| motion * p);
-            let moved =
-                RegistrationResidual::of(rigid.zip(&laid.points).map(|(p, q)| (q - p).norm()));
+            let moved = RegistrationResidual::of(
+                rigid.zip(&registration.points).map(|(p, q)| (q - p).norm()),
+            );
             Bending {
                 clusters: bent.count,
                 rounds: bent.rounds,
@@ -173,7 +174,7 @@ impl Registration<'_> {
                 moved_max: moved.max,
             }
         });
-        let told = |r: RegistrationResidual| Distances {
+        let distances = |r: RegistrationResidual| Distances {
             rms: r.rms,
             median: r.median,
             max: r.max,
@@ -198,27 +199,29 @@ impl Registration<'_> {
             matrix: std::array::from_fn(|i| std::array::from_fn(|k| rows[(i, k)])),
             scale: motion.scaling(),
             turned_deg: motion.isometry.rotation.angle().to_degrees(),
-            draws: laid.begun.draws,
-            start_inliers: laid.begun.inliers,
-            start_tried: laid.begun.of,
-            rounds: laid.registered.rounds,
-            converged: laid.registered.converged,
-            pairs: laid.registered.pairs,
+            draws: registration.begun.draws,
+            start_inliers: registration.begun.inliers,
+            start_tried: registration.begun.of,
+            rounds: registration.registered.rounds,
+            converged: registration.registered.converged,
+            pairs: registration.registered.pairs,
             size: b.length(),
             inlier_share: share,
-            residual: told(laid.residual()),
-            distance: told(RegistrationResidual::of(laid.distances.iter().copied())),
+            residual: distances(registration.residual()),
+            distance: distances(RegistrationResidual::of(
+                registration.distances.iter().copied(),
+            )),
             non_rigid: bent,
             times: Seconds {
                 read_s: self.read_s,
-                start_s: laid.times.start,
-                icp_s: laid.times.icp,
-                bend_s: laid.times.bend,
+                start_s: registration.times.start,
+                icp_s: registration.times.icp,
+                bend_s: registration.times.bend,
             },
             verdicts: vec![
                 Verdict::at_least(enough, share, self.overlap * 2.0 / 3.0)
                     .else_do("lower --overlap, or take --with similarity where sizes differ"),
-                Verdict::new(rest, laid.registered.converged || bent.is_some()),
+                Verdict::new(rest, registration.registered.converged || bent.is_some()),
             ],
         }
     }
@@ -264,7 +267,7 @@ impl Registration<'_> {
                 OutputFile::new("moved.vtp", |path| self.write_moved(path)),
                 OutputFile::new("moved.obj", |path| {
                     let moved = TriangleMesh {
-                        vertices: self.laid.points.clone(),
+                        vertices: self.registration.points.clone(),
                         triangles: self.meshes[0].triangles.clone(),
                     };
                     obj::write(path, &moved, &[])
@@ -276,23 +279,24 @@ impl Registration<'_> {
 
     /// The moved surface with its distances from B.
     fn write_moved(&self, path: &Path) -> io::Result<()> {
-        let (laid, mesh) = (self.laid, self.meshes[0]);
+        let (registration, mesh) = (self.registration, self.meshes[0]);
         let mut point_data: Vec<(&str, Vec<f64>)> = self
             .data
             .iter()
             .map(|d| (d.name.as_str(), d.values.clone()))
             .collect();
         let mut own = vec![
-            ("distance", laid.distances.clone()),
+            ("distance", registration.distances.clone()),
             (
                 "inlier",
-                laid.inliers
+                registration
+                    .inliers
                     .iter()
                     .map(|on| f64::from(u8::from(*on)))
                     .collect(),
             ),
         ];
-        own.extend(laid.bent.as_ref().map(|b| {
+        own.extend(registration.bent.as_ref().map(|b| {
             (
                 "cluster",
                 b.clusters.iter().map(|c| f64::from(*c)).collect(),
@@ -304,7 +308,7 @@ impl Registration<'_> {
             }
         }
         let data = PolyData {
-            points: &laid.points,
+            points: &registration.points,
             triangles: &mesh.triangles,
             lines: &[],
             point_data,
@@ -338,12 +342,12 @@ impl Registration<'_> {
 
     /// A coloured by its distance from B, and B around it.
     fn after(&self) -> Frame {
-        let ([a, b], laid) = (self.meshes, self.laid);
+        let ([a, b], registration) = (self.meshes, self.registration);
         // Vertices without a place on B must not make the others pale.
-        let on = laid
+        let on = registration
             .distances
             .iter()
-            .zip(&laid.inliers)
+            .zip(&registration.inliers)
             .filter(|(_, on)| **on)
             .map(|(d, _)| *d);
         let range = (0.0, max_or_nan(on));
@@ -358,11 +362,11 @@ impl Registration<'_> {
             .with_right(room)
             .with_top(26.0);
         let bounds = Aabb::of_points(&b.vertices);
-        let camera = self.camera(&[&laid.points, &bounds.corners()], canvas);
+        let camera = self.camera(&[&registration.points, &bounds.corners()], canvas);
         let moving = Surface::field(
-            &laid.points,
+            &registration.points,
             &a.triangles,
-            &laid.distances,
+            &registration.distances,
             range,
             ColourMap::Viridis,
         );
