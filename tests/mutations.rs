@@ -113,6 +113,11 @@ fn changed_directx() {
 }
 
 #[test]
+fn changed_medit() {
+    changed_files("medit", 1);
+}
+
+#[test]
 fn changed_files_of_any_format() {
     changed_files("any", 4);
 }

@@ -4,7 +4,7 @@
 use std::io;
 use std::path::Path;
 
-use super::{MAX_FILE_BYTES, MeshFile, ReadError, directx, obj, off, ply, stl, vtk, vtp};
+use super::{MAX_FILE_BYTES, MeshFile, ReadError, directx, medit, obj, off, ply, stl, vtk, vtp};
 use crate::mesh::TriangleMesh;
 
 /// The formats that can be read.
@@ -27,6 +27,8 @@ pub enum Format {
     Off,
     /// DirectX text.
     DirectX,
+    /// The text format of Medit.
+    Medit,
 }
 
 /// Encoding of numbers in a format that permits two (PLY, STL and legacy VTK).
@@ -109,7 +111,7 @@ impl<'a> Head<'a> {
 
 /// Every format, in the order of messages. Detection compares a file with them from the last to the
 /// first, because an OBJ file has no characteristic first word.
-pub static FORMATS: [FormatSpec; 8] = [
+pub static FORMATS: [FormatSpec; 9] = [
     FormatSpec {
         format: Format::Obj,
         name: "OBJ",
@@ -244,6 +246,19 @@ pub static FORMATS: [FormatSpec; 8] = [
         read: |bytes, name, _| directx::read(bytes, name),
         write: None,
     },
+    FormatSpec {
+        format: Format::Medit,
+        name: "Medit",
+        listed: "Medit",
+        ending: "mesh",
+        target: "medit",
+        starts: &[b"MeshVersionFormatted "],
+        sample: b"MeshVersionFormatted 2\nDimension 3\nVertices 3\n0 0 0 0\n1 0 0 0\n0 1 0 0\nTriangles 1\n1 2 3 0\nEnd\n",
+        detect: |head| head.word == medit::START,
+        is_possible: |_| false,
+        read: |bytes, name, _| medit::read(bytes, name),
+        write: None,
+    },
 ];
 
 impl FormatSpec {
@@ -319,13 +334,13 @@ mod tests {
             );
             count += 1;
         }
-        assert_eq!(count, 4);
+        assert_eq!(count, 5);
     }
 
     #[test]
     fn formats_are_named_in_messages() {
         let readable_now =
-            "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text can be read";
+            "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK, DirectX text and Medit can be read";
         assert_eq!(readable(), readable_now);
         assert_eq!(writable(), ".obj, .ply, .stl, .vtk, .vtp");
         assert!(

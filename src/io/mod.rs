@@ -1,6 +1,6 @@
 //! Readers and writers, one file per format.
 //!
-//! [`read`] reads OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text; the content
+//! [`read`] reads OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK, DirectX text and Medit; the content
 //! decides on the format. [`write`] writes a mesh in the format of the extension. [`vtp::write`()]
 //! writes frames for ParaView; [`pvd::Collection`] collects them and [`pvd::read`] reads a
 //! collection. Numbers are those of the file: no scale is applied and no vertices are merged
@@ -13,6 +13,7 @@ mod directx;
 mod encoded;
 mod error;
 mod formats;
+mod medit;
 pub mod obj;
 pub(crate) mod names;
 mod off;

@@ -25,6 +25,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "vtk" => [vtk_text(), vtk_binary()].concat(),
         "vtp" => vtp(),
         "directx" => directx(),
+        "medit" => medit(),
         "any" => {
             let mut targets: Vec<&str> = FORMATS.iter().map(|spec| spec.target).collect();
             targets.dedup();
@@ -407,6 +408,18 @@ fn directx() -> Vec<Vec<u8>> {
         format!(
             "xof 0303txt 0032\ntemplate T {{\n<3D82AB44-62DA-11cf-AB39-0020AF71E433>\nDWORD n;\n[...]\n}}\n\
              Frame a {{ {matrix} Frame b {{ {matrix} {mesh} }} }}\nMaterial {{ \"a{{b\"; {{m}} }} # end\n"
+        ),
+    ])
+}
+
+fn medit() -> Vec<Vec<u8>> {
+    let points: String = LINES.lines().map(|line| line.to_owned() + " 0\n").collect();
+    let faces = "Triangles\n1\n1 2 3 0\nQuadrilaterals\n1\n1 2 3 4 0\n";
+    texts([
+        format!("MeshVersionFormatted 1\nDimension\n3\nVertices\n4\n{points}{faces}End\n"),
+        format!(
+            "MeshVersionFormatted 2 # a\nDimension 3\nVertices 4\n{points}Corners 1\n1\n{faces}\
+             Edges 2\n1 2 0\n2 3 1\nTetrahedra 1\n1 2 3 4 0\nEnd\n"
         ),
     ])
 }

@@ -157,7 +157,7 @@ fn a_format_is_named_in_its_table_and_in_its_own_file() {
             &[&own, &used, &format!("Format::{variant}")],
         )
     };
-    for (module, variant) in [("off", "Off"), ("directx", "DirectX")] {
+    for (module, variant) in [("off", "Off"), ("directx", "DirectX"), ("medit", "Medit")] {
         let own = format!("src/io/{module}.rs");
         let mut expected = ["src/io/formats.rs", "src/io/mod.rs", &own];
         expected.sort_unstable();
