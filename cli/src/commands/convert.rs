@@ -1,12 +1,14 @@
 //! `pliant convert`: conversion of a mesh to another format or unit.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
-use serde::Serialize;
+use serde_json::json;
 
 use super::failure::Failure;
+use super::length_unit;
 use super::options::Printing;
-use super::{DONE, length_unit, say_json};
+use crate::report::output::RunOutput;
 use pliant::io::{self, Encoding, WriteError};
 use pliant::simulation::LoadError;
 
@@ -43,19 +45,8 @@ pub(super) struct Arguments {
     printing: Printing,
 }
 
-#[derive(Serialize)]
-struct Converted {
-    input: String,
-    output: String,
-    format: &'static str,
-    vertices: usize,
-    triangles: usize,
-    lines: usize,
-    lines_lost: usize,
-    warnings: Vec<String>,
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
     let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
     if arguments.output.exists() && !arguments.force {
         let message = format!("{} is there already", arguments.output.display());
@@ -94,21 +85,37 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             };
             Failure::usage(error.to_string(), hint)
         })?;
-    let converted = Converted {
-        output: arguments.output.display().to_string(),
-        format: file.format.map_or("none", io::Format::name),
-        vertices: file.mesh.vertices.len(),
-        triangles: file.mesh.triangles.len(),
-        lines: file.lines.len(),
-        lines_lost,
-        warnings: file.warnings.iter().map(|w| w.terse(&input)).collect(),
-        input,
-    };
-    if arguments.printing.json {
-        say_json(&converted);
-    }
-    arguments.printing.say(&in_words(&converted));
-    Ok(DONE)
+    let output = arguments.output.display().to_string();
+    let format = file.format.map_or("none", io::Format::name);
+    let (vertices, triangles, lines) = (
+        file.mesh.vertices.len(),
+        file.mesh.triangles.len(),
+        file.lines.len(),
+    );
+    let text = format!(
+        "{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n"
+    );
+    let lost = (lines_lost > 0)
+        .then(|| format!("{output}: {lines_lost} polylines are lost: this format has none"));
+    let warnings = file.warnings.iter().map(|w| w.terse(&input));
+    Ok(arguments.printing.finish(&RunOutput {
+        kind: "convert",
+        measures: json!({
+            "input": input,
+            "input_format": format,
+            "output": output,
+            "vertices": vertices,
+            "triangles": triangles,
+            "lines": lines,
+            "lines_lost": lines_lost,
+        }),
+        notes: lost.into_iter().chain(warnings).collect(),
+        time_s: begun.elapsed().as_secs_f64(),
+        name: input,
+        text,
+        written: vec![output],
+        ..RunOutput::default()
+    }))
 }
 
 /// A coordinate in another unit, rounded once: the factor is always at least 1.
@@ -136,32 +143,6 @@ impl Ratio for f64 {
             self
         }
     }
-}
-
-fn in_words(converted: &Converted) -> String {
-    let Converted {
-        input,
-        output,
-        format,
-        vertices,
-        triangles,
-        lines,
-        lines_lost,
-        ..
-    } = converted;
-    let mut text = format!(
-        "{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n"
-    );
-    if *lines_lost > 0 {
-        text.push_str(&format!(
-            "{output}: {lines_lost} polylines are lost: this format has none\n"
-        ));
-    }
-    for warning in &converted.warnings {
-        text.push_str(warning);
-        text.push('\n');
-    }
-    text
 }
 
 #[cfg(test)]

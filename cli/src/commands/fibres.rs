@@ -279,7 +279,7 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
     if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
         let note = format!("the muscle is {length:.3e} m long: is --unit right?");
         // The note can explain a later error.
-        warn(&format!("note: {note}"));
+        super::note(&format!("note: {note}"));
         notes.push(note);
     }
     let rest = arguments

@@ -1,12 +1,10 @@
 //! Measures and report of a skin simulation, per frame.
 
 use nalgebra::Isometry3;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use super::implant::{Insertion, joined, json_of};
-use super::output::{Verdict, own_object};
-use super::record::quoted;
-use super::run::Account;
+use super::output::{DataFile, Picture, Plot, RunOutput, Verdict};
 use super::{LinePlot, Table};
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes;
@@ -88,7 +86,7 @@ fn volume_error(run: &SkinRun, part: &SkinPart) -> Option<f64> {
     Some(max_or_nan(part.frames.iter().map(of_frame)))
 }
 
-fn own_summary(run: &SkinRun) -> Map<String, Value> {
+fn measures(run: &SkinRun) -> Value {
     let implants: Vec<Value> = match &run.scene.under {
         Support::Implants(all) => {
             let mut each: Vec<(usize, Value)> = run.parts.iter().flat_map(json_of_part).collect();
@@ -114,11 +112,11 @@ fn own_summary(run: &SkinRun) -> Map<String, Value> {
         let part = json_of_part(part).swap_remove(0).1;
         all = joined(all, json!({"ball": joined(part, ball)}));
     }
-    own_object("skin", all)
+    all
 }
 
-fn csv(run: &SkinRun) -> String {
-    let heads = [
+fn data(run: &SkinRun) -> DataFile<'_> {
+    let columns = [
         "frame",
         "part",
         "implant_volume_m3",
@@ -134,43 +132,40 @@ fn csv(run: &SkinRun) -> String {
         "penetration_m",
         "steps",
         "converged",
-        "time_s",
+        "wall_s",
     ];
-    let mut text = heads.join(",") + "\n";
-    for frame in 0..=run.frame() {
-        for part in &run.parts {
-            let (a, row) = (
-                part.areas_at(frame),
-                part.frames.iter().find(|f| f.frame == frame),
-            );
-            let progress = row.map(|f| f.progress).unwrap_or_default();
-            let areas = [
-                a.before,
-                a.deformed,
-                a.retracted.low,
-                a.retracted.high,
-                a.grown.low,
-                a.grown.high,
-            ];
-            let rest = [
-                a.volume_difference,
-                a.stretch_max,
-                progress.pressure,
-                progress.depth,
-            ];
-            let mut cells = vec![
-                frame.to_string(),
-                quoted(&part.name),
-                row.map_or(0.0, SkinMeasures::volume).to_string(),
-            ];
-            cells.extend(areas.iter().chain(&rest).map(f64::to_string));
-            cells.push(progress.iterations.to_string());
-            cells.push(row.is_none_or(|f| f.progress.converged).to_string());
-            cells.push(row.map_or(0.0, |f| f.time_s).to_string());
-            text.push_str(&(cells.join(",") + "\n"));
-        }
-    }
-    text
+    let parts = move |frame| run.parts.iter().map(move |part| cells(part, frame));
+    DataFile::new("measures.csv", columns, (0..=run.frame()).flat_map(parts))
+}
+
+/// The row of a part in a frame.
+fn cells(part: &SkinPart, frame: usize) -> Vec<String> {
+    let (a, row) = (
+        part.areas_at(frame),
+        part.frames.iter().find(|f| f.frame == frame),
+    );
+    let progress = row.map(|f| f.progress).unwrap_or_default();
+    let numbers = [
+        row.map_or(0.0, SkinMeasures::volume),
+        a.before,
+        a.deformed,
+        a.retracted.low,
+        a.retracted.high,
+        a.grown.low,
+        a.grown.high,
+        a.volume_difference,
+        a.stretch_max,
+        progress.pressure,
+        progress.depth,
+    ];
+    let mut cells = vec![frame.to_string(), part.name.clone()];
+    cells.extend(numbers.iter().map(f64::to_string));
+    cells.extend([
+        progress.iterations.to_string(),
+        row.is_none_or(|f| f.progress.converged).to_string(),
+        row.map_or(0.0, |f| f.time_s).to_string(),
+    ]);
+    cells
 }
 
 fn plots(run: &SkinRun) -> Vec<LinePlot> {
@@ -274,8 +269,11 @@ fn json_of_region(part: &SkinPart) -> Value {
     joined(own, json_of(&areas))
 }
 
-/// The report data of skin after its last frame.
-pub fn account(run: &SkinRun) -> Account {
+/// The result of a run, without the parts that all scenes have in common.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub(super) fn output(run: &SkinRun) -> Result<RunOutput<'_>, PictureError> {
     let implants = matches!(run.scene.under, Support::Implants(_));
     let insertion = insertion(run);
     let tables = if implants && run.frame() > 0 {
@@ -283,32 +281,25 @@ pub fn account(run: &SkinRun) -> Account {
     } else {
         vec![ball_table(run)]
     };
-    Account {
-        summary: own_summary(run),
+    let caveats = implants.then_some(CAVEATS).into_iter().flatten();
+    let plot = |plot| Plot { file: None, plot };
+    Ok(RunOutput {
+        kind: "skin",
+        measures: measures(run),
         verdicts: verdicts(run),
+        tables_of_text: tables.len(),
         tables,
-        plots: plots(run),
-        measures: csv(run),
-        notes: run
-            .notes
-            .iter()
-            .cloned()
-            .chain(
-                implants
-                    .then_some(CAVEATS)
-                    .into_iter()
-                    .flatten()
-                    .map(str::to_owned),
-            )
-            .collect(),
-    }
+        plots: plots(run).into_iter().map(plot).collect(),
+        pictures: pictures(run)?,
+        data: vec![data(run)],
+        notes: run.notes.clone(),
+        explanations: caveats.map(str::to_owned).collect(),
+        ..RunOutput::default()
+    })
 }
 
 /// Pictures of the insertion.
-///
-/// # Errors
-/// A picture that cannot be encoded.
-pub fn pictures(run: &SkinRun) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
+fn pictures(run: &SkinRun) -> Result<Vec<Picture>, PictureError> {
     // A ball supports the skin like an obstacle.
     let mut below = run.obstacles.clone();
     if let (Support::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
@@ -324,11 +315,7 @@ pub fn pictures(run: &SkinRun) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
         obstacles: &below,
         ..insertion(run)
     };
-    let pictures = insertion.pictures(&insertion.shown())?;
-    Ok(pictures
-        .into_iter()
-        .map(|picture| (picture.caption, picture.bytes))
-        .collect())
+    insertion.pictures(&insertion.shown())
 }
 
 /// Areas of the skin over a ball, as a table.
