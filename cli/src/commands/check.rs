@@ -108,7 +108,7 @@ fn output(arguments: &Arguments, outcomes: &[Outcome], targets: &[PathBuf]) -> R
         let verdict = Verdict::new("a simulation accepts the mesh", fit).at(outcome.file());
         verdict.else_do("see its errors; --repair DIR repairs many of them")
     });
-    let name = match &outcomes[..] {
+    let name = match outcomes {
         [one] => one.file().to_owned(),
         all => format!("{} meshes", all.len()),
     };

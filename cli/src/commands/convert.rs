@@ -3,13 +3,14 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use nalgebra::Point3;
 use serde_json::json;
 
 use super::failure::Failure;
 use super::length_unit;
 use super::options::Printing;
 use crate::report::output::RunOutput;
-use pliant::io::{self, Encoding, WriteError};
+use pliant::io::{self, Encoding, MeshFile, WriteError};
 use pliant::simulation::LoadError;
 
 /// Write a mesh in another format or unit
@@ -47,44 +48,13 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
-    let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
     if arguments.output.exists() && !arguments.force {
         let message = format!("{} is there already", arguments.output.display());
         return Err(Failure::usage(message, "name another file, or add --force"));
     }
-    let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
+    let file = read(arguments)?;
+    let lines_lost = write(arguments, &file)?;
     let input = arguments.input.display().to_string();
-    let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;
-    file.mesh
-        .vertices
-        .iter_mut()
-        .for_each(|v| v.coords.apply(|c| *c = rescaled(*c, from, to)));
-    if let Some(vertex) = file
-        .mesh
-        .vertices
-        .iter()
-        .position(|v| !v.coords.iter().all(|c| c.is_finite()))
-    {
-        let message = format!("{input}: vertex {vertex} is too large for a double in the new unit");
-        return Err(Failure::usage(message, "choose a larger unit"));
-    }
-    let encoding = if arguments.ascii {
-        Encoding::Text
-    } else {
-        Encoding::Binary
-    };
-    let lines_lost =
-        io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
-            let hint = match error {
-                WriteError::UnknownEnding { .. } => {
-                    format!("end the name in one of {}", io::writable())
-                }
-                WriteError::Io { .. } => {
-                    "check the folder and whether you may write there".to_owned()
-                }
-            };
-            Failure::usage(error.to_string(), hint)
-        })?;
     let output = arguments.output.display().to_string();
     let format = file.format.map_or("none", io::Format::name);
     let (vertices, triangles, lines) = (
@@ -116,6 +86,41 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         written: vec![output],
         ..RunOutput::default()
     }))
+}
+
+/// Reads the mesh, in the unit of the output.
+fn read(arguments: &Arguments) -> Result<MeshFile, Failure> {
+    let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
+    let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
+    let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;
+    for vertex in &mut file.mesh.vertices {
+        vertex.coords.apply(|c| *c = rescaled(*c, from, to));
+    }
+    let is_finite = |v: &Point3<f64>| v.coords.iter().all(|c| c.is_finite());
+    if let Some(vertex) = file.mesh.vertices.iter().position(|v| !is_finite(v)) {
+        let input = arguments.input.display();
+        let message = format!("{input}: vertex {vertex} is too large for a double in the new unit");
+        return Err(Failure::usage(message, "choose a larger unit"));
+    }
+    Ok(file)
+}
+
+/// Writes the mesh. Returns the number of polylines that its format cannot store.
+fn write(arguments: &Arguments, file: &MeshFile) -> Result<usize, Failure> {
+    let encoding = if arguments.ascii {
+        Encoding::Text
+    } else {
+        Encoding::Binary
+    };
+    io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
+        let hint = match error {
+            WriteError::UnknownEnding { .. } => {
+                format!("end the name in one of {}", io::writable())
+            }
+            WriteError::Io { .. } => "check the folder and whether you may write there".to_owned(),
+        };
+        Failure::usage(error.to_string(), hint)
+    })
 }
 
 /// A coordinate in another unit, rounded once: the factor is always at least 1.

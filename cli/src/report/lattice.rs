@@ -1,6 +1,6 @@
 //! Results of a lattice that is displaced and released.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::{LinePlot, Table};
@@ -54,23 +54,30 @@ fn data(run: &LatticeRun) -> DataFile<'_> {
     DataFile::new("measures.csv", columns, run.frames.iter().map(row))
 }
 
-/// The result of a run, without the parts that all scenes have in common.
-pub(super) fn output(run: &LatticeRun) -> RunOutput<'_> {
+/// Greatest distance from the start over all frames [m].
+fn farthest(run: &LatticeRun) -> f64 {
+    max_or_nan(run.frames.iter().map(|f| f.distance))
+}
+
+fn measures(run: &LatticeRun) -> Value {
     let lattice = &run.lattice;
-    let farthest = max_or_nan(run.frames.iter().map(|f| f.distance));
-    let own = json!({
-            "points": lattice.shape().count(),
-            "springs": lattice.spring_count(),
-            "neighbours": if run.scene.neighbours == Neighbours::Six { 6 } else { 26 },
-            "steps": lattice.steps(),
-            "steps_a_frame": run.steps,
-            "time_step_s": lattice.time_step(),
-            "stability_limit_s": lattice.stability_limit(),
-            "damping_kg_s": lattice.damping(),
-            "distance_from_start_max_m": farthest,
-            "distance_from_start_end_m": run.distance(),
-            "at_rest": run.at_rest(),
-    });
+    json!({
+        "points": lattice.shape().count(),
+        "springs": lattice.spring_count(),
+        "neighbours": if run.scene.neighbours == Neighbours::Six { 6 } else { 26 },
+        "steps": lattice.steps(),
+        "steps_a_frame": run.steps,
+        "time_step_s": lattice.time_step(),
+        "stability_limit_s": lattice.stability_limit(),
+        "damping_kg_s": lattice.damping(),
+        "distance_from_start_max_m": farthest(run),
+        "distance_from_start_end_m": run.distance(),
+        "at_rest": run.at_rest(),
+    })
+}
+
+fn table(run: &LatticeRun) -> Table {
+    let lattice = &run.lattice;
     let mut table = Table::new("Lattice", ["what", "value"]);
     for (what, value) in [
         ("points", lattice.shape().count().to_string()),
@@ -84,7 +91,7 @@ pub(super) fn output(run: &LatticeRun) -> RunOutput<'_> {
         ("damping of a point [kg/s]", number(lattice.damping())),
         (
             "distance from the start, greatest [mm]",
-            number(farthest * 1e3),
+            number(farthest(run) * 1e3),
         ),
         (
             "distance from the start, end [mm]",
@@ -97,6 +104,11 @@ pub(super) fn output(run: &LatticeRun) -> RunOutput<'_> {
     ] {
         table.row([what.to_owned(), value]);
     }
+    table
+}
+
+/// The result of a run, without the parts that all scenes have in common.
+pub(super) fn output(run: &LatticeRun) -> RunOutput<'_> {
     let plot = |title: &str, of: fn(&LatticeMeasures) -> f64| {
         let points = run.frames.iter().map(|f| (f.frame as f64, of(f) * 1e3));
         Plot {
@@ -106,10 +118,10 @@ pub(super) fn output(run: &LatticeRun) -> RunOutput<'_> {
     };
     RunOutput {
         kind: "lattice",
-        measures: own,
+        measures: measures(run),
         verdicts: verdicts(run),
         tables_of_text: 1,
-        tables: vec![table],
+        tables: vec![table(run)],
         plots: vec![
             plot("Distance from the start, greatest [mm]", |f| f.distance),
             plot("Motion in a frame, greatest [mm]", |f| f.moved),
