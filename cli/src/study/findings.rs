@@ -354,6 +354,7 @@ impl<'a> Findings<'a> {
         let of_runs = of_runs.filter(|(_, row)| row.outcome.is_some());
         let mut written: Vec<String> = of_runs.map(|(run, _)| run.file()).collect();
         let ran = written.len();
+        written.sort_unstable();
         written.dedup();
         let (pictures, beside) = self.sheets(folder)?;
         let mut notes = self.notes.clone();
