@@ -22,6 +22,7 @@ mod progress;
 mod register;
 mod resume;
 mod run;
+mod scene_text;
 mod scenes;
 mod springs;
 mod study;

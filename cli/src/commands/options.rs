@@ -101,6 +101,24 @@ impl Out {
     }
 }
 
+/// The scene of a command that makes one.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(super) struct PrintScene {
+    /// Print the scene of these options, which `pliant run` takes as a file, and stop
+    #[arg(long)]
+    print_scene: bool,
+}
+
+impl PrintScene {
+    /// Prints the text of a scene if the option is given. Returns true if it is.
+    pub(super) fn is_given(self, text: &str) -> bool {
+        if self.print_scene {
+            say(text);
+        }
+        self.print_scene
+    }
+}
+
 /// Options of a command that writes a folder of results.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(super) struct Output {

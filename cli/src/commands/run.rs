@@ -2,6 +2,8 @@
 
 mod staged;
 
+pub(super) use staged::Job;
+
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -161,14 +163,14 @@ fn of_muscles(
     }
     let settings = settings(arguments);
     let finished = advance(&mut simulation, results, &settings, stop, chosen.as_ref())?;
-    conclude(arguments, finished)
+    conclude(&arguments.output, arguments.strict, finished)
 }
 
 /// Writes and prints a result. Returns the exit code.
-fn conclude(arguments: &Arguments, finished: Finished<'_>) -> Result<u8, Failure> {
+fn conclude(to: &Output, strict: bool, finished: Finished<'_>) -> Result<u8, Failure> {
     let Finished { folder, output } = finished;
-    let code = exit_code(&output, arguments.strict);
-    arguments.output.finish(&folder, output)?;
+    let code = exit_code(&output, strict);
+    to.finish(&folder, output)?;
     Ok(code)
 }
 
@@ -287,12 +289,17 @@ fn settings(arguments: &Arguments) -> Vec<(String, String)> {
             .frames
             .map(|n| ("--frames".to_owned(), n.to_string())),
     );
-    all.push((
-        "threads".to_owned(),
-        rayon::current_num_threads().to_string(),
-    ));
-    all.push(("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()));
+    all.extend(settings_of_all());
     all
+}
+
+/// The settings of every run, for the report.
+pub(super) fn settings_of_all() -> [(String, String); 2] {
+    let threads = rayon::current_num_threads().to_string();
+    [
+        ("threads".to_owned(), threads),
+        ("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+    ]
 }
 
 /// A flag that Ctrl-C sets, with a message; a second Ctrl-C ends the process at once.

@@ -15,6 +15,7 @@ use pliant::format::number;
 use pliant::io::file_name;
 use pliant::mesh::measures::median;
 use pliant::progress::Progress;
+use pliant::scene::Content;
 use pliant::simulation::{
     Ended, FrameState, Observer, Plan, Scenario, ScenarioKind, SceneDescription, run,
 };
@@ -29,6 +30,16 @@ pub struct RunOptions {
     pub begun: Instant,
     /// Names and values for the report.
     pub settings: Vec<(String, String)>,
+}
+
+/// The names of the main files of a run, to be checked before it.
+pub fn files(scene: &Content) -> Vec<String> {
+    let common = ["report.html", "summary.json", "measures.csv"].map(str::to_owned);
+    let own = match scene {
+        Content::Skin(scene) => skin::files(scene),
+        _ => Vec::new(),
+    };
+    common.into_iter().chain(own).collect()
 }
 
 /// The frames of a run: writes each, and keeps those of the pictures.
