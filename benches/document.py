@@ -167,12 +167,12 @@ def scenes():
             if subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL).returncode not in (0, 1):
                 sys.exit(f"{scene} could not be run")
             summary = json.loads((out / "summary.json").read_text())
-        found["numbers"][f"scenes.{name}.total"] = [summary["time"]["total_s"], "s"]
-        found["numbers"][f"scenes.{name}.frame"] = [summary["time"]["frame_ms_median"], "ms"]
+        found["numbers"][f"scenes.{name}.total"] = [summary["time_s"], "s"]
+        found["numbers"][f"scenes.{name}.frame"] = [summary["times"]["frame_median_s"] * 1e3, "ms"]
         found["numbers"][f"scenes.{name}.frames"] = [summary["frames"], "1"]
-        substeps = re.search(r"substeps (\d+)", summary["solver"])
+        substeps = re.search(r"substeps (\d+)", summary["muscles"]["solver"])
         found["notes"][f"scenes.{name}.substeps"] = substeps.group(1) if substeps else DASH
-        muscles = summary["muscles"]
+        muscles = summary["muscles"]["muscles"]
         for key, of, form in [
             ("vertices", "vertices", ","), ("not-converged", "frames_not_converged", ","),
             ("volume", "volume_error_max", ".1e"), ("inside", "vertices_inside_bones_max", ","),

@@ -1,18 +1,12 @@
-//! Contents of reports: the form of a study of accuracy, verdicts over inserted implants.
+//! Contents of reports: the form of a study of accuracy.
 
 use std::time::Duration;
 
-use nalgebra::Point3;
 use pliant::accuracy::{Study, StudyOptions, measure};
-use pliant::mesh::shapes::sheet;
 use pliant::progress::Silent;
 use pliant::scene::builtin::load;
 use pliant::simulation::Assets;
-use pliant::skin::{ImplantPlace, ImplantSpec, SettleProgress, insert};
-use pliant_cli::report::implant::{Insertion, Point};
 use pliant_cli::report::work_precision;
-
-const CENTRE: ImplantPlace = ImplantPlace::Point(Point3::new(0.0, 0.0, 0.0));
 
 /// Three frames of a built-in scene.
 fn study() -> Study {
@@ -65,77 +59,5 @@ fn a_study_has_the_form_that_was_promised() {
     assert!(
         work_precision::recommendation(&study).rows.len() == 3
             && work_precision::table(&study).rows.len() == study.rows.len()
-    );
-}
-
-#[test]
-fn a_volume_of_a_curve_that_is_not_at_rest_fails_and_far_stretched_skin_does_not() {
-    let skin = sheet(0.2, 24);
-    let order = ImplantSpec {
-        edge: Some(8e-3),
-        ..ImplantSpec::round(CENTRE, 0.07, 6e-5)
-    };
-    let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
-    assert!(done.progress.converged, "{:?}", done.progress);
-    let point = |volume, converged| {
-        let progress = SettleProgress {
-            converged,
-            ..done.progress
-        };
-        Point {
-            implant: 1,
-            day: None,
-            volume,
-            areas: done.areas,
-            progress,
-        }
-    };
-    let all = |curve: Vec<Point>, limit: f64, interrupted: bool| {
-        let implants = vec![(ready.clone(), done.clone())];
-        let name = "sheet".to_owned();
-        let insertion = Insertion {
-            name,
-            skin: &skin,
-            implants,
-            numbers: vec![vec![0]],
-            obstacles: &[],
-            curve,
-            limit,
-            interrupted,
-            wanted: None,
-            time: 0.0,
-            under: "implant",
-        };
-        let kept: Vec<bool> = insertion.verdicts().iter().map(|v| v.passed).collect();
-        let output = insertion.output().expect("pictures");
-        (kept, output.summary())
-    };
-    let (kept, json) = all(vec![point(4e-5, true), point(6e-5, true)], 1.01, false);
-    assert_eq!(
-        (kept, &json["implant"]["converged"]),
-        (vec![true, true], &true.into())
-    );
-    assert!(
-        json["implant"]["area_over_limit_m2"]
-            .as_f64()
-            .is_some_and(|area| area > 1e-4),
-        "{json}"
-    );
-    let (kept, json) = all(vec![point(4e-5, false), point(6e-5, true)], 9.0, false);
-    assert_eq!(
-        (kept, &json["implant"]["converged"]),
-        (vec![false, true], &false.into())
-    );
-    assert_eq!(
-        (
-            &json["verdicts"][0]["passed"],
-            &json["implant"]["area_over_limit_m2"]
-        ),
-        (&false.into(), &0.0.into())
-    );
-    let (kept, json) = all(Vec::new(), 9.0, true);
-    assert_eq!(
-        (kept, &json["implant"]["converged"], &json["interrupted"]),
-        (vec![false, true], &false.into(), &true.into())
     );
 }

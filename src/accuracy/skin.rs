@@ -7,7 +7,7 @@
 use std::time::{Duration, Instant};
 
 use crate::progress::Progress;
-use crate::scene::content::{SkinScene, SkinSurface, Support};
+use crate::scene::content::{FillCourse, SkinScene, SkinSurface, Support};
 use crate::simulation::LoadError;
 use crate::simulation::Stepped;
 use crate::simulation::skin::SkinRun;
@@ -130,12 +130,19 @@ fn variant(scene: &SkinScene, edge: f64, method: SettleMethod) -> SkinScene {
         Support::Implants(all) => {
             for filled in all {
                 filled.order.edge = Some(edge);
-                filled.fill = vec![(1, filled.volume_at(last))];
+                if !matches!(filled.course, FillCourse::Target(_)) {
+                    filled.fill = vec![(1, filled.volume_at(last))];
+                    filled.course = FillCourse::Evenly;
+                }
             }
         }
         Support::Ball(ball) => ball.order.edge = Some(edge),
     }
-    SkinScene { frames: 1, ..scene }
+    SkinScene {
+        frames: 1,
+        days: Vec::new(),
+        ..scene
+    }
 }
 
 /// Runs a variant; `None` if it was interrupted or has no solution.

@@ -73,6 +73,8 @@ pub struct SkinScene {
     pub name: String,
     /// Number of frames after the start; frame 0 is the skin without implants.
     pub frames: usize,
+    /// Day of each frame after the start; empty unless implants are filled on days.
+    pub days: Vec<f64>,
     /// The skin.
     pub skin: SkinSpec,
     /// The implants or the ball.
@@ -128,17 +130,37 @@ pub struct ImplantFill {
     pub name: String,
     /// Place, shape and the skin above; the volume is that of the last frame.
     pub order: ImplantSpec,
-    /// Frames and volumes [m^3], sorted by frame; linear in between, from 0 in frame 0, constant
-    /// after the last.
+    /// Frames and volumes [m^3], sorted by frame; constant after the last. Empty for a target area.
     pub fill: Vec<(usize, f64)>,
+    /// How the volume changes between these frames.
+    pub course: FillCourse,
+}
+
+/// How the volume of an implant changes over the frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FillCourse {
+    /// Linear, from 0 in frame 0 to the one volume of the implant.
+    Evenly,
+    /// Linear between the frames of a list, from 0 in frame 0.
+    Frames,
+    /// Each volume of a list holds until the next filling; 0 before the first.
+    Days,
+    /// The one volume for which the region gains this area [m^2].
+    Target(f64),
 }
 
 impl ImplantFill {
-    /// The volume at a frame [m^3].
+    /// The volume at a frame [m^3]; 0 for a target area, whose volume the equilibrium determines.
     pub fn volume_at(&self, frame: usize) -> f64 {
         let mut before = (0, 0.0);
         for &(at, volume) in &self.fill {
-            if frame <= at {
+            if frame == at {
+                return volume;
+            }
+            if frame < at && self.course == FillCourse::Days {
+                return before.1;
+            }
+            if frame < at {
                 let share = (frame - before.0) as f64 / (at - before.0) as f64;
                 return before.1 + share * (volume - before.1);
             }
@@ -214,6 +236,7 @@ mod tests {
             name: "a".to_owned(),
             order,
             fill: vec![(2, 10e-6), (3, 30e-6), (5, 20e-6)],
+            course: FillCourse::Frames,
         };
         let expected = [0.0, 5e-6, 10e-6, 30e-6, 25e-6, 20e-6, 20e-6];
         for (frame, expected) in expected.into_iter().enumerate() {
@@ -222,5 +245,11 @@ mod tests {
                 "{frame}"
             );
         }
+        let held = ImplantFill {
+            course: FillCourse::Days,
+            ..filled
+        };
+        let volumes = [0, 1, 2, 4, 5, 6].map(|frame| held.volume_at(frame));
+        assert_eq!(volumes, [0.0, 0.0, 10e-6, 30e-6, 20e-6, 20e-6]);
     }
 }

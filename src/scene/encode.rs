@@ -2,7 +2,8 @@
 //! compile here until it is encoded or excluded explicitly.
 
 use super::content::{
-    BallSpec, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
+    BallSpec, FillCourse, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec,
+    SkinSurface, Support,
 };
 use super::effects::{EFFECTS, material_constants};
 use super::keys::KeyValue;
@@ -242,6 +243,7 @@ impl Encode for SkinScene {
         let Self {
             name,
             frames,
+            days,
             skin,
             under,
             obstacles,
@@ -249,6 +251,7 @@ impl Encode for SkinScene {
         } = self;
         to.field("name", name);
         to.field("frames", frames);
+        to.field("days", days);
         to.field("skin", skin);
         match under {
             Support::Implants(implants) => to.field("implant", implants),
@@ -287,10 +290,21 @@ impl Encode for SkinSpec {
 
 impl Encode for ImplantFill {
     fn encode(&self, to: &mut Encoder<'_>) {
-        let Self { name, order, fill } = self;
+        let Self {
+            name,
+            order,
+            fill,
+            course,
+        } = self;
         to.field("name", name);
         to.field("order", order);
         to.field("fill", fill);
+        match course {
+            FillCourse::Evenly => to.field("course", "evenly"),
+            FillCourse::Frames => to.field("course", "frames"),
+            FillCourse::Days => to.field("course", "days"),
+            FillCourse::Target(area) => to.field("target_area", area),
+        }
     }
 }
 

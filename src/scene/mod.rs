@@ -29,7 +29,8 @@ mod tree;
 pub mod units;
 
 pub use content::{
-    BallSpec, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
+    BallSpec, FillCourse, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec,
+    SkinSurface, Support,
 };
 pub use effects::{EFFECTS, MaterialSpec, material_constants};
 pub use keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};

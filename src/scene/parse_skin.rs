@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use nalgebra::Point3;
 
 use super::content::{
-    BallSpec, ImplantFill, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
+    BallSpec, FillCourse, ImplantFill, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
 };
 use super::error::{SceneError, SceneProblem};
 use super::parse::{checked_name, repair, surface, surface_of, unique_name, unknown_name};
@@ -13,6 +13,7 @@ use super::reader::{Item, Limit, Section};
 use super::units::Dimension;
 use super::{SceneOrigin, Source};
 use crate::mesh::shapes;
+use crate::skin::fill::{Filling, Schedule};
 use crate::skin::implant::{Implant, SILICONE};
 use crate::skin::layers::Tissue;
 use crate::skin::plan::ImplantPlace;
@@ -57,12 +58,13 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
         .transpose()?
         .map(|n| n as usize);
     root.exclusive("ball", "implant")?;
-    let (under, frames) = match root.section("ball")? {
+    let (under, frames, days) = match root.section("ball")? {
         Some(section) => {
             root.exclusive("ball", "obstacle")?;
             (
                 Support::Ball(ball(&section, tissue, edge)?),
                 frames.unwrap_or(1),
+                Vec::new(),
             )
         }
         None => implants(root, tissue, edge, frames)?,
@@ -80,6 +82,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
     Ok(SkinScene {
         name,
         frames,
+        days,
         skin,
         under,
         obstacles,
@@ -165,12 +168,21 @@ fn tissue(section: &Section<'_>) -> Read<Tissue> {
     })
 }
 
+/// The volume of an implant over time, as read.
+enum Amount {
+    Volume(f64),
+    Frames(Fill),
+    Days(Schedule),
+    Target(f64),
+}
+
+/// The implants, the number of frames, and the day of each frame.
 fn implants(
     root: &Section<'_>,
     tissue: Tissue,
     edge: Option<f64>,
     frames: Option<usize>,
-) -> Read<(Support, usize)> {
+) -> Read<(Support, usize, Vec<f64>)> {
     let sections = root.sections("implant")?;
     if sections.is_empty() {
         return root.fail(SceneProblem::missing(
@@ -178,46 +190,145 @@ fn implants(
             "a section [[implant]], or a section [ball]",
         ));
     }
+    let amounts: Vec<Amount> = sections.iter().map(amount).collect::<Read<_>>()?;
+    let days = days(root, &sections, &amounts)?;
+    let frames = frames.or(last_frame(&amounts)).unwrap_or(days.len().max(1));
     let mut taken = HashSet::new();
     let mut all = Vec::new();
-    let fills: Vec<Option<Fill>> = sections.iter().map(fill).collect::<Read<_>>()?;
-    let last = fills
-        .iter()
-        .flatten()
-        .filter_map(|fill| fill.last())
-        .map(|(frame, _)| *frame)
-        .max();
-    let frames = frames.or(last).unwrap_or(1);
-    for (section, fill) in sections.iter().zip(fills) {
+    for (section, amount) in sections.iter().zip(amounts) {
         let name = match (sections.len(), section.get("name")) {
             (1, None) => "implant".to_owned(),
             _ => unique_name(section, &mut taken)?,
         };
-        let fill = match fill {
-            Some(fill) => fill,
-            None => vec![(
-                frames,
-                section.need_quantity("volume", Dimension::Volume, Limit::Positive)?,
-            )],
+        let (fill, course) = match amount {
+            // With days, the one volume holds from the first day.
+            Amount::Volume(volume) if !days.is_empty() => (vec![(1, volume)], FillCourse::Evenly),
+            Amount::Volume(volume) => (vec![(frames, volume)], FillCourse::Evenly),
+            Amount::Frames(fill) => (fill, FillCourse::Frames),
+            Amount::Days(schedule) => (by_frame(&schedule, &days), FillCourse::Days),
+            Amount::Target(area) => {
+                check_alone(root, section, sections.len(), frames)?;
+                (Vec::new(), FillCourse::Target(area))
+            }
         };
-        let volume = fill.last().map_or(0.0, |(_, volume)| *volume);
+        let mut order = order(section, tissue, edge)?;
+        order.implant.volume = match fill.last() {
+            Some((_, volume)) => *volume,
+            None => order.implant.least(order.edge()),
+        };
         all.push(ImplantFill {
             name,
-            order: order(section, tissue, edge, volume)?,
+            order,
             fill,
+            course,
         });
     }
-    Ok((Support::Implants(all), frames))
+    Ok((Support::Implants(all), frames, days))
 }
 
-/// The frames and volumes of `fill`, if present.
-fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
-    section.exclusive("volume", "fill")?;
-    let Some(item) = section.get("fill") else {
-        return Ok(None);
+/// The greatest frame of all lists of frames.
+fn last_frame(amounts: &[Amount]) -> Option<usize> {
+    let last = |amount: &Amount| match amount {
+        Amount::Frames(fill) => fill.last().map(|(frame, _)| *frame),
+        _ => None,
     };
+    amounts.iter().filter_map(last).max()
+}
+
+/// The days of all fillings in order, each once. Rejects lists of frames beside them.
+fn days(root: &Section<'_>, sections: &[Section<'_>], amounts: &[Amount]) -> Read<Vec<f64>> {
+    let mut days = Vec::new();
+    for amount in amounts {
+        if let Amount::Days(schedule) = amount {
+            days.extend(schedule.fillings().iter().map(|filling| filling.day));
+        }
+    }
+    days.sort_by(f64::total_cmp);
+    days.dedup();
+    if days.is_empty() {
+        return Ok(days);
+    }
+    let conflict = |first: &str| SceneProblem::Conflict {
+        first: first.to_owned(),
+        second: "fill.day".to_owned(),
+    };
+    if let Some(item) = root.get("frames") {
+        return item.fail(conflict("frames"));
+    }
+    let by_frames = |amount: &Amount| matches!(amount, Amount::Frames(_));
+    match amounts.iter().position(by_frames) {
+        Some(k) => sections[k].fail(conflict("fill.frame")),
+        None => Ok(days),
+    }
+}
+
+/// Frames and volumes of a schedule among the days of all implants.
+fn by_frame(schedule: &Schedule, days: &[f64]) -> Fill {
+    let fillings = schedule.fillings().iter();
+    fillings
+        .map(|filling| {
+            (
+                1 + days.partition_point(|d| *d < filling.day),
+                filling.volume,
+            )
+        })
+        .collect()
+}
+
+/// Rejects a target area beside other implants, or over several frames.
+fn check_alone(root: &Section<'_>, section: &Section<'_>, count: usize, frames: usize) -> Read<()> {
+    let item = section.need("target_area", "\"30 cm2\"")?;
+    if count > 1 {
+        return item.fail(SceneProblem::out_of_range(
+            "a target area of several implants",
+            "one [[implant]], or a volume for each",
+        ));
+    }
+    match root.get("frames") {
+        Some(item) if frames > 1 => item.fail(SceneProblem::Conflict {
+            first: "frames".to_owned(),
+            second: "target_area".to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// The volume of an implant, its list of volumes, or its target area.
+fn amount(section: &Section<'_>) -> Read<Amount> {
+    for (first, second) in [
+        ("volume", "fill"),
+        ("volume", "target_area"),
+        ("fill", "target_area"),
+    ] {
+        section.exclusive(first, second)?;
+    }
+    if let Some(item) = section.get("target_area") {
+        return Ok(Amount::Target(
+            item.quantity(Dimension::Area, Limit::Positive)?,
+        ));
+    }
+    if section.get("fill").is_none() {
+        return Ok(Amount::Volume(section.need_quantity(
+            "volume",
+            Dimension::Volume,
+            Limit::Positive,
+        )?));
+    }
+    let list = section.sections("fill")?;
+    match list.first() {
+        None => section.fail(SceneProblem::EmptyList {
+            expected: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned(),
+        }),
+        Some(first) if first.get("day").is_some() => by_days(section, &list),
+        Some(_) => by_frames(&list),
+    }
+}
+
+/// A list of frames and volumes.
+fn by_frames(list: &[Section<'_>]) -> Read<Amount> {
     let mut fill: Fill = Vec::new();
-    for key in section.sections("fill")? {
+    for key in list {
+        key.exclusive("frame", "day")?;
         let at = key.need("frame", "1")?;
         let frame = at.whole(1, MOST_FRAMES)? as usize;
         if let Some((before, _)) = fill.last().filter(|(before, _)| *before >= frame) {
@@ -231,20 +342,31 @@ fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
             key.need_quantity("volume", Dimension::Volume, Limit::Positive)?,
         ));
     }
-    if fill.is_empty() {
-        return item.fail(SceneProblem::EmptyList {
-            expected: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned(),
-        });
-    }
-    Ok(Some(fill))
+    Ok(Amount::Frames(fill))
 }
 
-fn order(
-    section: &Section<'_>,
-    tissue: Tissue,
-    edge: Option<f64>,
-    volume: f64,
-) -> Read<ImplantSpec> {
+/// A list of days and volumes.
+fn by_days(section: &Section<'_>, list: &[Section<'_>]) -> Read<Amount> {
+    let mut fillings = Vec::new();
+    for key in list {
+        key.exclusive("frame", "day")?;
+        fillings.push(Filling {
+            day: key.need("day", "7")?.number(Limit::Any)?,
+            volume: key.need_quantity("volume", Dimension::Volume, Limit::Positive)?,
+        });
+    }
+    match Schedule::new(fillings) {
+        Ok(schedule) => Ok(Amount::Days(schedule)),
+        Err(error) => section.need("fill", "[]")?.fail(SceneProblem::Unfit {
+            code: "E076",
+            message: error.to_string(),
+            help: error.help().to_owned(),
+        }),
+    }
+}
+
+/// An implant without its volume.
+fn order(section: &Section<'_>, tissue: Tissue, edge: Option<f64>) -> Read<ImplantSpec> {
     section.exclusive("at", "near_vertex")?;
     let place = match (section.get("at"), section.get("near_vertex")) {
         (Some(item), _) => ImplantPlace::Point(Point3::from(item.vector(Dimension::Length)?)),
@@ -268,7 +390,7 @@ fn order(
     let implant = Implant {
         shape,
         base: section.need_quantity("base", Dimension::Length, Limit::Positive)?,
-        volume,
+        volume: 0.0,
         membrane: section.quantity_or("shell", Dimension::Stiffness, Limit::Positive, SILICONE)?,
     };
     Ok(ImplantSpec {

@@ -119,10 +119,11 @@ const IMPLANT: Schema = Schema::Listed(&[
     ("depth", Text),
     ("volume", Text),
     ("fill", List(&FILL)),
+    ("target_area", Text),
     ("shell", Text),
 ]);
 
-const FILL: Schema = Schema::Listed(&[("frame", Plain), ("volume", Text)]);
+const FILL: Schema = Schema::Listed(&[("frame", Plain), ("day", Plain), ("volume", Text)]);
 
 const BALL: Schema = Schema::Listed(&[
     ("radius", Text),

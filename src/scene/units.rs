@@ -11,6 +11,8 @@ use std::fmt;
 pub enum Dimension {
     /// Length \[m\].
     Length,
+    /// Area [m^2].
+    Area,
     /// Volume [m^3].
     Volume,
     /// Angle \[rad\].
@@ -69,6 +71,12 @@ const LENGTH: &[Unit] = &[
     unit(&["um", "µm", "μm"], -6),
     unit(&["km"], 3),
     scaled(&["in"], 0.0254),
+];
+const AREA: &[Unit] = &[
+    unit(&["m2"], 0),
+    unit(&["dm2"], -2),
+    unit(&["cm2"], -4),
+    unit(&["mm2"], -6),
 ];
 const VOLUME: &[Unit] = &[
     unit(&["m3"], 0),
@@ -144,8 +152,9 @@ const RATIO: &[Unit] = &[unit(&["%"], -2), unit(&["1", ""], 0)];
 
 impl Dimension {
     /// All dimensions, in the order above.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Length,
+        Self::Area,
         Self::Volume,
         Self::Angle,
         Self::Time,
@@ -163,6 +172,7 @@ impl Dimension {
     fn units(self) -> &'static [Unit] {
         match self {
             Self::Length => LENGTH,
+            Self::Area => AREA,
             Self::Volume => VOLUME,
             Self::Angle => ANGLE,
             Self::Time => TIME,
@@ -199,6 +209,7 @@ impl Dimension {
     pub fn example(self) -> &'static str {
         match self {
             Self::Length => "0.5 mm",
+            Self::Area => "30 cm2",
             Self::Volume => "100 cc",
             Self::Angle => "1 rad",
             Self::Time => "10 ms",
@@ -219,6 +230,7 @@ impl fmt::Display for Dimension {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Length => "length",
+            Self::Area => "area",
             Self::Volume => "volume",
             Self::Angle => "angle",
             Self::Time => "time",
@@ -482,6 +494,7 @@ mod tests {
             ("2 min", Dimension::Time, 120.0),
             ("100cc", Dimension::Volume, 1e-4),
             ("0.1 l", Dimension::Volume, 1e-4),
+            ("30 cm²", Dimension::Area, 3e-3),
         ];
         for (text, dimension, expected) in cases {
             assert_eq!(

@@ -39,7 +39,7 @@ pub use plan::Plan;
 pub use run::{Ended, Observer, run};
 pub use scenario::{
     BodyDescription, BodyState, FrameState, Scenario, ScenarioError, ScenarioKind,
-    SceneDescription, Stepped, scenario,
+    SceneDescription, Stepped, scenario, scenario_with,
 };
 
 use crate::contact::broad_phase::BroadPhase;

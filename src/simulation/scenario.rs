@@ -15,7 +15,7 @@ use crate::constraints::distance::Distance;
 use crate::fibres::binding::BoundLines;
 use crate::io::names::file_name;
 use crate::mesh::{Topology, TriangleMesh};
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::scene::Content;
 use crate::state::DecodeError;
 
@@ -249,9 +249,20 @@ pub trait Scenario: Send {
 /// assert_eq!(scenario.state().frame, 1);
 /// ```
 pub fn scenario(content: &Content) -> Result<Box<dyn Scenario>, LoadError> {
+    scenario_with(content, &Silent)
+}
+
+/// The same; the progress may stop the refinement of skin.
+///
+/// # Errors
+/// As of [`scenario`]; also where the progress stops it.
+pub fn scenario_with(
+    content: &Content,
+    progress: &dyn Progress,
+) -> Result<Box<dyn Scenario>, LoadError> {
     Ok(match content {
         Content::Muscles(scene) => Box::new(Simulation::new((**scene).clone())?),
-        Content::Skin(scene) => Box::new(SkinRun::new((**scene).clone())?),
+        Content::Skin(scene) => Box::new(SkinRun::new_with((**scene).clone(), progress)?),
         Content::Lattice(scene) => Box::new(LatticeRun::new((**scene).clone())?),
     })
 }
@@ -271,7 +282,6 @@ fn unused(name: &str, used: &mut HashSet<String>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Silent;
     use crate::scene::builtin::load_content;
 
     #[test]

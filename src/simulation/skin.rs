@@ -1,20 +1,20 @@
 //! Simulation of skin over implants, or over a ball: each frame is an equilibrium that starts from
 //! the previous one.
 
+mod read;
+
 use std::collections::BTreeSet;
 use std::time::Instant;
 
 use nalgebra::{Point3, Vector3};
 
-use super::assets::{mended, name_of, named_at, read_scaled};
 use super::fault::{Fault, LoadError};
 use super::plan::Plan;
 use super::scenario::Stepped;
+use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
-use crate::mesh::{TriangleMesh, shapes};
 use crate::progress::{Progress, Silent};
-use crate::scene::Source;
-use crate::scene::content::{BallSpec, ImplantFill, SkinScene, SkinSurface, Support};
+use crate::scene::content::{BallSpec, FillCourse, ImplantFill, SkinScene, Support};
 use crate::skin::coarse::halved_near;
 use crate::skin::implant::Implant;
 use crate::skin::plan::{ImplantPlace, Inserted, PreparedPatch};
@@ -22,6 +22,7 @@ use crate::skin::settle;
 use crate::skin::together::grouped;
 use crate::skin::whole::Whole;
 use crate::skin::{self, Areas, ImplantSpec, SkinError};
+use read::{read_obstacle, read_skin, size_of, small};
 
 /// An obstacle farther from the place of an implant than this along any axis, in its bases, is
 /// never touched.
@@ -97,6 +98,11 @@ impl SkinPart {
     pub fn converged(&self) -> bool {
         self.frames.iter().all(|f| f.progress.converged)
     }
+
+    /// The measures that hold in a frame: those of the last computed frame up to it.
+    pub fn measures_at(&self, frame: usize) -> Option<&SkinMeasures> {
+        self.frames.iter().rev().find(|f| f.frame <= frame)
+    }
 }
 
 /// A simulation of skin.
@@ -134,6 +140,7 @@ impl SkinRun {
     pub fn new_with(scene: SkinScene, progress: &dyn Progress) -> Result<Self, LoadError> {
         let mut notes = Vec::new();
         let skin = read_skin(&scene, &mut notes)?;
+        notes.extend(size_of(&scene, &skin));
         let obstacles: Vec<TriangleMesh> = (0..scene.obstacles.len())
             .map(|o| read_obstacle(&scene, o, &mut notes))
             .collect::<Result<_, _>>()?;
@@ -154,6 +161,7 @@ impl SkinRun {
         }
         .parts()?;
         let plan = Plan::of_skin(&scene, &parts, &obstacles);
+        notes.extend(parts.iter().filter_map(|part| small(part, &skin)));
         Ok(Self {
             scene,
             skin,
@@ -184,47 +192,73 @@ impl SkinRun {
         self.parts.iter().all(SkinPart::converged)
     }
 
+    /// The volume of each implant of a part in a frame [m^3]. An implant before its first day of
+    /// filling is as flat as permitted.
+    pub fn volumes_at(&self, part: &SkinPart, frame: usize) -> Vec<f64> {
+        let Support::Implants(all) = &self.scene.under else {
+            return Vec::new();
+        };
+        let volume = |k: &usize| {
+            let (filled, edge) = (&all[*k], part.ready.layers.edge);
+            match filled.course {
+                FillCourse::Days => filled
+                    .volume_at(frame)
+                    .max(filled.order.implant.least(edge)),
+                _ => filled.volume_at(frame),
+            }
+        };
+        part.members.iter().map(volume).collect()
+    }
+
+    /// True if a frame has an equilibrium of its own. With days of filling, a part keeps its
+    /// equilibrium on the days of other parts.
+    fn is_due(&self, part: &SkinPart, frame: usize) -> bool {
+        let Support::Implants(all) = &self.scene.under else {
+            return true;
+        };
+        if self.scene.days.is_empty() {
+            return true;
+        }
+        let filled = part.members.iter().map(|k| &all[*k]);
+        let mut by_days = filled
+            .filter(|filled| filled.course == FillCourse::Days)
+            .peekable();
+        match by_days.peek() {
+            None => frame == 1,
+            Some(_) => by_days.any(|filled| filled.fill.iter().any(|(at, _)| *at == frame)),
+        }
+    }
+
+    /// The equilibrium of a part in a frame.
+    fn settled(
+        &self,
+        part: &SkinPart,
+        frame: usize,
+        heard: &mut dyn FnMut(&settle::SettleProgress) -> bool,
+    ) -> Result<Inserted, SkinError> {
+        let before = part.now.as_ref();
+        match &self.scene.under {
+            Support::Implants(all) => match part.members.first().map(|k| all[*k].course) {
+                Some(FillCourse::Target(area)) => part.ready.solve_for_area(area, heard),
+                _ => part
+                    .ready
+                    .insert_after(before, &self.volumes_at(part, frame), heard),
+            },
+            Support::Ball(ball) => {
+                let at = |frame| self.ball_at(ball, part, frame);
+                let before = before.map(|now| (now, at(self.frame)));
+                part.ready.over_ball(at(frame), before, heard)
+            }
+        }
+    }
+
     /// Computes the next frame; `progress` hears of each round of each part.
     pub fn step(&mut self, progress: &dyn Progress) -> Stepped {
         let frame = self.frame + 1;
         let mut found = Vec::new();
         for part in &self.parts {
-            let begun = Instant::now();
-            let mut heard = |p: &settle::SettleProgress| {
-                let stage = format!(
-                    "frame {frame}, {}: round {}, moved {:.3} mm",
-                    part.name,
-                    p.rounds,
-                    p.moved * 1e3
-                );
-                let frames = self.scene.frames;
-                progress.report(&stage, self.frame, frames).is_continue()
-            };
-            let done = match &self.scene.under {
-                Support::Implants(all) => {
-                    let volumes: Vec<f64> = part
-                        .members
-                        .iter()
-                        .map(|k| all[*k].volume_at(frame))
-                        .collect();
-                    part.ready
-                        .insert_after(part.now.as_ref(), &volumes, &mut heard)
-                }
-                Support::Ball(ball) => {
-                    let at = |frame| self.ball_at(ball, part, frame);
-                    let before = part.now.as_ref().map(|now| (now, at(self.frame)));
-                    part.ready.over_ball(at(frame), before, &mut heard)
-                }
-            };
-            let last = frame == self.scene.frames;
-            let compared = done.map(|mut now| {
-                if last {
-                    part.ready.compare(&mut now, &mut heard);
-                }
-                now
-            });
-            match compared {
-                Ok(now) => found.push((now, begun.elapsed().as_secs_f64())),
+            match self.computed(part, frame, progress) {
+                Ok(computed) => found.push(computed),
                 Err(SkinError::Stopped) => return Stepped::Interrupted,
                 Err(error) => {
                     return Stepped::Failed(format!(
@@ -235,24 +269,50 @@ impl SkinRun {
                 }
             }
         }
-        for (part, (now, time_s)) in self.parts.iter_mut().zip(found) {
-            let shells = now
-                .shells
-                .iter()
-                .map(|shell| (shell.volume, shell.pressure))
-                .collect();
-            let (areas, progress) = (now.areas, now.progress);
-            part.frames.push(SkinMeasures {
-                frame,
-                shells,
-                areas,
-                progress,
-                time_s,
-            });
-            part.now = Some(now);
+        for (part, (now, measures)) in self.parts.iter_mut().zip(found) {
+            part.frames.extend(measures);
+            part.now = now;
         }
         self.frame = frame;
         Stepped::Done
+    }
+
+    /// The result of a part in a frame, with measures if the frame has an equilibrium of its own;
+    /// without a result before the first day of filling.
+    fn computed(
+        &self,
+        part: &SkinPart,
+        frame: usize,
+        progress: &dyn Progress,
+    ) -> Result<(Option<Inserted>, Option<SkinMeasures>), SkinError> {
+        let (begun, due) = (Instant::now(), self.is_due(part, frame));
+        let frames = self.scene.frames;
+        let mut heard = |p: &settle::SettleProgress| {
+            let stage = format!(
+                "frame {frame}, {}: round {}, moved {:.3} mm",
+                part.name,
+                p.rounds,
+                p.moved * 1e3
+            );
+            progress.report(&stage, self.frame, frames).is_continue()
+        };
+        let mut now = match (due, &part.now) {
+            (true, _) => self.settled(part, frame, &mut heard)?,
+            (false, Some(now)) => now.clone(),
+            (false, None) => return Ok((None, None)),
+        };
+        if frame == frames {
+            part.ready.compare(&mut now, &mut heard);
+        }
+        let shells = now.shells.iter();
+        let measures = due.then(|| SkinMeasures {
+            frame,
+            shells: shells.map(|shell| (shell.volume, shell.pressure)).collect(),
+            areas: now.areas,
+            progress: now.progress,
+            time_s: begun.elapsed().as_secs_f64(),
+        });
+        Ok((Some(now), measures))
     }
 
     /// Position of the ball in a frame.
@@ -278,66 +338,6 @@ impl SkinRun {
         }
         x
     }
-}
-
-/// The key of a mesh of a scene, with its name.
-fn mesh(
-    scene: &SkinScene,
-    source: &Source,
-    key: &str,
-    part: &str,
-) -> Result<(TriangleMesh, Vec<String>), LoadError> {
-    let read = read_scaled(source)?;
-    if read.mesh.triangles.is_empty() {
-        let fault = Fault::NoTriangles {
-            file: name_of(source),
-        };
-        return Err(LoadError::at(
-            &scene.origin,
-            &named_at(source, key, "mesh"),
-            part.to_owned(),
-            fault,
-        ));
-    }
-    Ok((
-        read.mesh,
-        read.warnings
-            .iter()
-            .map(|warned| format!("{part}: {warned}"))
-            .collect(),
-    ))
-}
-
-fn read_skin(scene: &SkinScene, notes: &mut Vec<String>) -> Result<TriangleMesh, LoadError> {
-    let skin = &scene.skin;
-    let read = match &skin.surface {
-        SkinSurface::Sheet { side, cells } => shapes::sheet(*side, *cells),
-        SkinSurface::Source(Source::Shape(_)) => shapes::scalp(),
-        SkinSurface::Source(file) => {
-            let (read, found) = mesh(scene, file, "skin.0", &format!("skin `{}`", skin.name))?;
-            notes.extend(found);
-            read
-        }
-    };
-    let mut own = Vec::new();
-    let read = mended(read, skin.repair.as_ref(), &mut own);
-    notes.extend(own.iter().map(|n| format!("{}: {n}", skin.name)));
-    Ok(read)
-}
-
-fn read_obstacle(
-    scene: &SkinScene,
-    o: usize,
-    notes: &mut Vec<String>,
-) -> Result<TriangleMesh, LoadError> {
-    let obstacle = &scene.obstacles[o];
-    let part = format!("obstacle `{}`", obstacle.name);
-    let (read, found) = mesh(scene, &obstacle.surface, &format!("obstacle.{o}"), &part)?;
-    notes.extend(found);
-    let mut own = Vec::new();
-    let read = mended(read, obstacle.repair.as_ref(), &mut own);
-    notes.extend(own.iter().map(|n| format!("{}: {n}", obstacle.name)));
-    Ok(read)
 }
 
 /// Parts under construction.
@@ -383,7 +383,12 @@ impl Making<'_> {
             )
         };
         let orders: Vec<ImplantSpec> = all.iter().map(|filled| filled.order.clone()).collect();
+        // If no implant can touch any of them, the preparation of the skin rejects all.
+        let none_near = orders.iter().all(|order| self.near(order).is_empty());
         let near = |members: &[usize]| -> Vec<usize> {
+            if none_near {
+                return (0..self.obstacles.len()).collect();
+            }
             let each: BTreeSet<usize> = members
                 .iter()
                 .flat_map(|k| self.near(&orders[*k]))
@@ -407,7 +412,10 @@ impl Making<'_> {
                     .iter()
                     .filter(|(at, _)| *at <= self.scene.frames)
                     .map(|(_, volume)| *volume);
-                reached.fold(all[*k].volume_at(self.scene.frames), f64::max)
+                match all[*k].course {
+                    FillCourse::Target(_) => orders[*k].implant.volume,
+                    _ => reached.fold(all[*k].volume_at(self.scene.frames), f64::max),
+                }
             };
             let volumes: Vec<f64> = members.iter().map(most).collect();
             for (k, volume) in members.iter().zip(&volumes) {

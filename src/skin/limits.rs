@@ -77,6 +77,26 @@ impl ImplantSpec {
         }
     }
 
+    /// Checks that a volume [m^3] fits on the base.
+    ///
+    /// # Errors
+    /// A volume so flat that contact decides on the shape, or too large for the base.
+    pub fn check_volume(&self, volume: f64) -> Result<(), SkinError> {
+        let (implant, edge) = (self.implant, self.edge());
+        let least = implant.least(edge);
+        if !(volume >= least) {
+            return Err(SkinError::TooFlat {
+                volume_cc: volume * 1e6,
+                least_cc: least * 1e6,
+                base_cm: implant.base * 1e2,
+            });
+        }
+        if volume <= implant.largest(edge) {
+            return Ok(());
+        }
+        Err(Implant { volume, ..implant }.too_large(edge))
+    }
+
     /// Rejects an obstacle that contains the skin about the centre, such as the skin itself.
     pub(super) fn check_obstacles(
         &self,

@@ -72,7 +72,7 @@ fn implants(scene: &SkinScene) -> &[ImplantFill] {
 impl Skin {
     /// Reads the meshes of `scene` and prepares the skin.
     pub(super) fn new(recipe: Recipe, scene: SkinScene) -> Result<Self, StartError> {
-        let ranges = controls::Ranges::of(&recipe, &scene);
+        let ranges = controls::Ranges::of(&scene);
         let mut skin = Self {
             recipe,
             run: SkinRun::new(scene)?,

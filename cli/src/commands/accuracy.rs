@@ -8,7 +8,7 @@ use super::failure::Failure;
 use super::options::Output;
 use super::progress::if_raised;
 use super::run::stop_on_interrupt;
-use super::{FAILED, INTERRUPTED, environment, warn};
+use super::{FAILED, INTERRUPTED, environment, note, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use crate::report::{skin_accuracy, work_precision};
@@ -80,7 +80,7 @@ pub(super) struct Said<'a> {
 impl Progress for Said<'_> {
     fn report(&self, stage: &str, _: usize, _: usize) -> ControlFlow<()> {
         if !stage.is_empty() {
-            warn(stage);
+            note(stage);
         }
         if_raised(self.stop)
     }

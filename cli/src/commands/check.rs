@@ -4,14 +4,17 @@ mod checked;
 mod words;
 
 use std::collections::HashMap;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use rayon::prelude::*;
-use serde::Serialize;
+use serde_json::json;
 
 use super::failure::Failure;
 use super::options::Printing;
-use super::{BAD_INPUT, DONE, FAILED, length_unit, say_json};
+use super::{BAD_INPUT, length_unit};
+use crate::report::output::{RunOutput, Verdict, json_text};
 use checked::{Checked, Outcome};
 use pliant::io::write_whole;
 use pliant::mesh::{LONGEST_RIM, RepairOptions};
@@ -62,14 +65,8 @@ pub(super) struct Arguments {
     printing: Printing,
 }
 
-/// The list of changes of repaired meshes.
-#[derive(Serialize)]
-struct Changes<'a> {
-    pliant: &'static str,
-    files: Vec<&'a Checked>,
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
     let unit = arguments.unit.as_deref().map(length_unit).transpose()?;
     let options = options(arguments, unit)?;
     let targets = targets(arguments)?;
@@ -83,46 +80,51 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .into_par_iter()
         .map(|(mesh, target)| checked::check(mesh, unit, target.map(PathBuf::as_path), &options))
         .collect();
+    let mut output = output(arguments, &outcomes, &targets);
+    output.time_s = begun.elapsed().as_secs_f64();
     if let Some(folder) = &arguments.repair {
-        let files = outcomes.iter().filter_map(Outcome::checked).collect();
-        let changes = Changes {
-            pliant: env!("CARGO_PKG_VERSION"),
-            files,
-        };
-        let path = folder.join("changes.json");
-        write_whole(&path, |w| {
-            serde_json::to_writer_pretty(w, &changes).map_err(Into::into)
-        })
-        .map_err(|e| {
+        let path = folder.join(CHANGES);
+        let text = json_text(&output.summary_without_folder());
+        write_whole(&path, |w| w.write_all(text.as_bytes())).map_err(|e| {
             Failure::usage(
                 format!("{}: cannot be written: {e}", path.display()),
                 "name another folder",
             )
         })?;
     }
-    if arguments.printing.json {
-        say_json(&outcomes);
-    }
-    let text = words::report(&outcomes, arguments.unit.as_deref());
-    arguments.printing.say(&text);
-    outcomes
-        .iter()
-        .filter_map(Outcome::failure)
-        .for_each(|f| f.show());
-    Ok(exit_code(&outcomes))
+    let code = arguments.printing.finish(&output);
+    let failures: Vec<&Failure> = outcomes.iter().filter_map(Outcome::failure).collect();
+    failures.iter().for_each(|failure| failure.show());
+    Ok(if failures.is_empty() { code } else { BAD_INPUT })
 }
 
-fn exit_code(outcomes: &[Outcome]) -> u8 {
-    if outcomes.iter().any(|o| o.checked().is_none()) {
-        BAD_INPUT
-    } else if outcomes
-        .iter()
-        .filter_map(Outcome::checked)
-        .all(Checked::is_fit)
-    {
-        DONE
-    } else {
-        FAILED
+/// The summary of a repair, in the folder of the repaired meshes.
+const CHANGES: &str = "changes.json";
+
+/// The result; `targets` are the repaired meshes.
+fn output(arguments: &Arguments, outcomes: &[Outcome], targets: &[PathBuf]) -> RunOutput<'static> {
+    let verdicts = outcomes.iter().map(|outcome| {
+        let fit = outcome.checked().is_some_and(Checked::is_fit);
+        let verdict = Verdict::new("a simulation accepts the mesh", fit).at(outcome.file());
+        verdict.else_do("see its errors; --repair DIR repairs many of them")
+    });
+    let name = match outcomes {
+        [one] => one.file().to_owned(),
+        all => format!("{} meshes", all.len()),
+    };
+    let repaired = targets.iter().zip(outcomes);
+    let repaired = repaired.filter(|(_, outcome)| outcome.checked().is_some());
+    let repaired = repaired.map(|(target, _)| target.display().to_string());
+    let changes = arguments.repair.iter().map(|folder| folder.join(CHANGES));
+    let changes = changes.map(|path| path.display().to_string());
+    RunOutput {
+        kind: "check",
+        name,
+        measures: json!({"meshes": outcomes}),
+        verdicts: verdicts.collect(),
+        text: words::report(outcomes, arguments.unit.as_deref()),
+        written: repaired.chain(changes).collect(),
+        ..RunOutput::default()
     }
 }
 
@@ -189,7 +191,7 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
             return Err(Failure::usage(message, "name another folder for --repair"));
         }
     }
-    let lists = [folder.join("changes.json")];
+    let lists = [folder.join(CHANGES)];
     if let Some(old) = targets
         .iter()
         .chain(&lists)

@@ -1,13 +1,16 @@
 //! `pliant convert`: conversion of a mesh to another format or unit.
 
 use std::path::PathBuf;
+use std::time::Instant;
 
-use serde::Serialize;
+use nalgebra::Point3;
+use serde_json::json;
 
 use super::failure::Failure;
+use super::length_unit;
 use super::options::Printing;
-use super::{DONE, length_unit, say_json};
-use pliant::io::{self, Encoding, WriteError};
+use crate::report::output::RunOutput;
+use pliant::io::{self, Encoding, MeshFile, WriteError};
 use pliant::simulation::LoadError;
 
 /// Write a mesh in another format or unit
@@ -43,72 +46,81 @@ pub(super) struct Arguments {
     printing: Printing,
 }
 
-#[derive(Serialize)]
-struct Converted {
-    input: String,
-    output: String,
-    format: &'static str,
-    vertices: usize,
-    triangles: usize,
-    lines: usize,
-    lines_lost: usize,
-    warnings: Vec<String>,
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
+    let begun = Instant::now();
     if arguments.output.exists() && !arguments.force {
         let message = format!("{} is there already", arguments.output.display());
         return Err(Failure::usage(message, "name another file, or add --force"));
     }
-    let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
+    let file = read(arguments)?;
+    let lines_lost = write(arguments, &file)?;
     let input = arguments.input.display().to_string();
+    let output = arguments.output.display().to_string();
+    let format = file.format.map_or("none", io::Format::name);
+    let (vertices, triangles, lines) = (
+        file.mesh.vertices.len(),
+        file.mesh.triangles.len(),
+        file.lines.len(),
+    );
+    let text = format!(
+        "{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n"
+    );
+    let lost = (lines_lost > 0)
+        .then(|| format!("{output}: {lines_lost} polylines are lost: this format has none"));
+    let warnings = file.warnings.iter().map(|w| w.terse(&input));
+    Ok(arguments.printing.finish(&RunOutput {
+        kind: "convert",
+        measures: json!({
+            "input": input,
+            "input_format": format,
+            "output": output,
+            "vertices": vertices,
+            "triangles": triangles,
+            "lines": lines,
+            "lines_lost": lines_lost,
+        }),
+        notes: lost.into_iter().chain(warnings).collect(),
+        time_s: begun.elapsed().as_secs_f64(),
+        name: input,
+        text,
+        written: vec![output],
+        ..RunOutput::default()
+    }))
+}
+
+/// Reads the mesh, in the unit of the output.
+fn read(arguments: &Arguments) -> Result<MeshFile, Failure> {
+    let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
+    let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
     let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;
-    file.mesh
-        .vertices
-        .iter_mut()
-        .for_each(|v| v.coords.apply(|c| *c = rescaled(*c, from, to)));
-    if let Some(vertex) = file
-        .mesh
-        .vertices
-        .iter()
-        .position(|v| !v.coords.iter().all(|c| c.is_finite()))
-    {
+    for vertex in &mut file.mesh.vertices {
+        vertex.coords.apply(|c| *c = rescaled(*c, from, to));
+    }
+    let is_finite = |v: &Point3<f64>| v.coords.iter().all(|c| c.is_finite());
+    if let Some(vertex) = file.mesh.vertices.iter().position(|v| !is_finite(v)) {
+        let input = arguments.input.display();
         let message = format!("{input}: vertex {vertex} is too large for a double in the new unit");
         return Err(Failure::usage(message, "choose a larger unit"));
     }
+    Ok(file)
+}
+
+/// Writes the mesh. Returns the number of polylines that its format cannot store.
+fn write(arguments: &Arguments, file: &MeshFile) -> Result<usize, Failure> {
     let encoding = if arguments.ascii {
         Encoding::Text
     } else {
         Encoding::Binary
     };
-    let lines_lost =
-        io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
-            let hint = match error {
-                WriteError::UnknownEnding { .. } => {
-                    format!("end the name in one of {}", io::writable())
-                }
-                WriteError::Io { .. } => {
-                    "check the folder and whether you may write there".to_owned()
-                }
-            };
-            Failure::usage(error.to_string(), hint)
-        })?;
-    let converted = Converted {
-        output: arguments.output.display().to_string(),
-        format: file.format.map_or("none", io::Format::name),
-        vertices: file.mesh.vertices.len(),
-        triangles: file.mesh.triangles.len(),
-        lines: file.lines.len(),
-        lines_lost,
-        warnings: file.warnings.iter().map(|w| w.terse(&input)).collect(),
-        input,
-    };
-    if arguments.printing.json {
-        say_json(&converted);
-    }
-    arguments.printing.say(&in_words(&converted));
-    Ok(DONE)
+    io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
+        let hint = match error {
+            WriteError::UnknownEnding { .. } => {
+                format!("end the name in one of {}", io::writable())
+            }
+            WriteError::Io { .. } => "check the folder and whether you may write there".to_owned(),
+        };
+        Failure::usage(error.to_string(), hint)
+    })
 }
 
 /// A coordinate in another unit, rounded once: the factor is always at least 1.
@@ -136,32 +148,6 @@ impl Ratio for f64 {
             self
         }
     }
-}
-
-fn in_words(converted: &Converted) -> String {
-    let Converted {
-        input,
-        output,
-        format,
-        vertices,
-        triangles,
-        lines,
-        lines_lost,
-        ..
-    } = converted;
-    let mut text = format!(
-        "{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n"
-    );
-    if *lines_lost > 0 {
-        text.push_str(&format!(
-            "{output}: {lines_lost} polylines are lost: this format has none\n"
-        ));
-    }
-    for warning in &converted.warnings {
-        text.push_str(warning);
-        text.push('\n');
-    }
-    text
 }
 
 #[cfg(test)]

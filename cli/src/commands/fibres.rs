@@ -13,7 +13,7 @@ use super::morph::nothing_written;
 use super::options::Output;
 use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
-use super::{length_unit, warn};
+use super::{length_unit, note};
 use crate::report::fibres::{Bundle, FILES, Summary, size};
 use crate::report::folder::{Folder, FolderError};
 use pliant::contact::Surface;
@@ -277,10 +277,10 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
     let mut notes = Vec::new();
     let length = muscle.length();
     if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
-        let note = format!("the muscle is {length:.3e} m long: is --unit right?");
+        let doubt = format!("the muscle is {length:.3e} m long: is --unit right?");
         // The note can explain a later error.
-        warn(&format!("note: {note}"));
-        notes.push(note);
+        note(&format!("note: {doubt}"));
+        notes.push(doubt);
     }
     let rest = arguments
         .rest

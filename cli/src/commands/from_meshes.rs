@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
+use super::scene_text::{name_after, quoted};
 use super::{environment, length_unit};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
@@ -115,31 +116,13 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
             };
             Failure::usage(format!("no file `{shown}`{why}"), from)
         })?;
-        let (Some(text), Some(stem)) =
-            (absolute.to_str(), path.file_stem().and_then(|s| s.to_str()))
-        else {
+        let Some(text) = absolute.to_str() else {
             return Err(Failure::usage(
                 format!("the name of `{shown}` is not UTF-8"),
                 "rename it",
             ));
         };
-        // Replaces characters that a scene does not accept in a name.
-        let safe = |c: char| {
-            if c.is_control() || r#"/\:*?"<>|"#.contains(c) {
-                '_'
-            } else {
-                c
-            }
-        };
-        let clean: String = stem.chars().map(safe).take(40).collect();
-        let clean = clean.trim().trim_start_matches('.');
-        let first = if clean.is_empty() { "mesh" } else { clean };
-        let mut name = first.to_owned();
-        let mut next = 2;
-        while !used.insert(name.clone()) {
-            name = format!("{first} {next}");
-            next += 1;
-        }
+        let name = name_after(path, used)?;
         all.push(Named {
             name,
             path: text.to_owned(),
@@ -175,7 +158,7 @@ struct Written<'a> {
 impl Written<'_> {
     /// The scene as TOML; `holders` are the bones that each muscle is attached to.
     fn toml(&self, holders: &[Vec<usize>]) -> String {
-        let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
+        let text = quoted;
         let unit = text(self.unit);
         let scene = self.muscles.first().map_or("meshes", |m| m.name.as_str());
         let mut toml = format!(

@@ -22,6 +22,7 @@ mod progress;
 mod register;
 mod resume;
 mod run;
+mod scene_text;
 mod scenes;
 mod springs;
 mod study;
@@ -29,8 +30,9 @@ mod view;
 
 use std::io::Write;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use clap::{Parser, Subcommand};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Done.
 const DONE: u8 = 0;
@@ -101,7 +103,11 @@ enum Command {
 
 /// Runs the command line. Returns the exit code of the process.
 pub fn main() -> ExitCode {
-    let arguments = match Arguments::try_parse() {
+    let parsed = Arguments::command().try_get_matches().and_then(|given| {
+        QUIET.store(is_quiet(&given), Ordering::Relaxed);
+        Arguments::from_arg_matches(&given)
+    });
+    let arguments = match parsed {
         Ok(arguments) => arguments,
         Err(error) => {
             // If the output is closed, nobody can read an error.
@@ -136,6 +142,22 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Whether only errors and failed checks are written.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Whether the command has the option --quiet. A command without results has no such option.
+fn is_quiet(given: &ArgMatches) -> bool {
+    let Some((_, of_command)) = given.subcommand() else {
+        return false;
+    };
+    matches!(of_command.try_get_one::<bool>("quiet"), Ok(Some(true)))
+}
+
+/// Whether notes and progress are hidden.
+fn quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
 /// Writes to standard output; a closed pipe (`| head`) is no error.
 fn say(text: &str) {
     let mut out = std::io::stdout().lock();
@@ -145,6 +167,13 @@ fn say(text: &str) {
 /// Writes a line to standard error, if possible.
 fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Writes a note or the progress to standard error, unless the command is quiet.
+fn note(text: &str) {
+    if !quiet() {
+        warn(text);
+    }
 }
 
 /// Prints a result as JSON on standard output.

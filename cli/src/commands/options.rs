@@ -32,7 +32,7 @@ pub(super) struct Printing {
     /// Write the summary as JSON to standard output, and no other text
     #[arg(long, global = true)]
     pub(super) json: bool,
-    /// Write nothing to standard output, except JSON with --json
+    /// Write only errors and failed checks, and JSON with --json
     #[arg(long, global = true)]
     pub(super) quiet: bool,
 }
@@ -43,6 +43,16 @@ impl Printing {
         if !self.json && !self.quiet {
             say(text);
         }
+    }
+
+    /// Prints a result that has no folder, and returns the exit code.
+    pub(super) fn finish(&self, output: &RunOutput<'_>) -> u8 {
+        show_failures(output);
+        if self.json {
+            say_json(&output.summary_without_folder());
+        }
+        self.say(&output.to_text());
+        exit_code(output)
     }
 }
 
@@ -91,6 +101,24 @@ impl Out {
     }
 }
 
+/// The scene of a command that makes one.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(super) struct PrintScene {
+    /// Print the scene of these options, which `pliant run` takes as a file, and stop
+    #[arg(long)]
+    print_scene: bool,
+}
+
+impl PrintScene {
+    /// Prints the text of a scene if the option is given. Returns true if it is.
+    pub(super) fn is_given(self, text: &str) -> bool {
+        if self.print_scene {
+            say(text);
+        }
+        self.print_scene
+    }
+}
+
 /// Options of a command that writes a folder of results.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(super) struct Output {
@@ -110,18 +138,8 @@ impl Output {
 
     /// Writes a result into its folder, prints it, and returns the exit code.
     pub(super) fn finish(&self, folder: &Folder, output: RunOutput<'_>) -> Result<u8, Failure> {
-        let summary = output.summary();
-        let code = match (output.interrupted, output.passed()) {
-            (true, _) => INTERRUPTED,
-            (false, true) => DONE,
-            (false, false) => FAILED,
-        };
-        for verdict in output.verdicts.iter().filter(|v| !v.passed) {
-            warn(&format!("FAIL  {}", verdict.to_text()));
-            if let Some(what) = &verdict.what_to_do {
-                warn(&format!("      {what}"));
-            }
-        }
+        let code = exit_code(&output);
+        show_failures(&output);
         let shown = |name: &str| folder.path().join(name).display().to_string();
         let mut text = format!(
             "{}\nResults in {}\n  open {} in a browser\n",
@@ -129,15 +147,35 @@ impl Output {
             folder.path().display(),
             shown("report.html")
         );
-        let series = output.files.iter().find(|f| f.name.ends_with(".pvd"));
+        let files = output.files.iter().map(|f| &f.name);
+        let series = files.chain(&output.written).find(|f| f.ends_with(".pvd"));
         if let Some(series) = series {
-            text += &format!("  open {} in ParaView\n", shown(&series.name));
+            text += &format!("  open {} in ParaView\n", shown(series));
         }
-        output.write(folder, &summary)?;
+        let summary = output.write(folder)?;
         if self.printing.json {
             say_json(&summary);
         }
         self.printing.say(&text);
         Ok(code)
+    }
+}
+
+/// The exit code of a result.
+fn exit_code(output: &RunOutput<'_>) -> u8 {
+    match (output.interrupted, output.passed()) {
+        (true, _) => INTERRUPTED,
+        (false, true) => DONE,
+        (false, false) => FAILED,
+    }
+}
+
+/// Prints the failed verdicts on standard error.
+fn show_failures(output: &RunOutput<'_>) {
+    for verdict in output.verdicts.iter().filter(|v| !v.passed) {
+        warn(&format!("FAIL  {}", verdict.to_text()));
+        if let Some(what) = &verdict.what_to_do {
+            warn(&format!("      {what}"));
+        }
     }
 }

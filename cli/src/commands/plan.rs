@@ -1,13 +1,16 @@
 //! `pliant plan`: the plan of a run.
 
-use serde::Serialize;
+use std::time::Instant;
 
+use serde_json::json;
+
+use super::environment;
 use super::failure::Failure;
 use super::options::Printing;
-use super::{DONE, environment, say_json};
-use crate::report::Table;
+use crate::report::output::{RunOutput, effects};
+use crate::report::run::effect_tables;
 use pliant::scene::Content;
-use pliant::simulation::{Assets, LeftOut, Plan, Planned, scenario};
+use pliant::simulation::{Assets, Plan, scenario};
 
 /// Show which effects a scene runs, on how many elements, and which ones are left out and why
 #[derive(Debug, clap::Args)]
@@ -26,86 +29,43 @@ pub(super) struct Arguments {
     printing: Printing,
 }
 
-#[derive(Serialize)]
-struct Report<'a> {
-    scene: &'a str,
-    frames: usize,
-    run: &'a [Planned],
-    left_out: &'a [LeftOut],
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
     let content = environment::load_content(&arguments.scene, &arguments.set)?;
-    let (plan, head) = match &content {
+    let (plan, of, rate) = match &content {
         Content::Muscles(scene) => {
-            let assets = Assets::load(scene)?;
-            (
-                Plan::new(scene, &assets),
-                format!("{} frames at {} Hz", scene.frames, scene.frame_rate),
-            )
+            let plan = Plan::new(scene, &Assets::load(scene)?);
+            (plan, "muscle", format!(" at {} Hz", scene.frame_rate))
         }
-        other => (
-            scenario(other)?.plan().clone(),
-            format!("{} frames", content.frames()),
-        ),
+        other => (scenario(other)?.plan().clone(), "part", String::new()),
     };
-    let scene = content.name();
-    if arguments.printing.json {
-        say_json(&Report {
-            scene,
-            frames: content.frames(),
-            run: &plan.run,
-            left_out: &plan.left_out,
-        });
-        return Ok(DONE);
-    }
-    let of = if matches!(content, Content::Muscles(_)) {
-        "muscle"
-    } else {
-        "part"
-    };
-    let mut text = format!("{scene}: {head}\n\nWill run\n");
-    text.push_str(&runs(&plan, of));
-    if !plan.left_out.is_empty() {
-        text.push_str("\nLeft out\n");
-        let mut left_out = Table::new("", [of, "effect", "why"]);
-        for l in &plan.left_out {
-            left_out.row([all(&l.muscle), l.effect.clone(), l.why.clone()]);
-        }
-        text.push_str(&left_out.to_text());
-    }
-    arguments.printing.say(&text);
-    Ok(DONE)
-}
-
-/// A note without a muscle is about all muscles.
-fn all(muscle: &str) -> String {
-    if muscle.is_empty() {
-        "(all)".to_owned()
-    } else {
-        muscle.to_owned()
-    }
-}
-
-fn runs(plan: &Plan, of: &str) -> String {
-    let mut table = Table::new("", [of, "effect", "elements", "bytes", "ms/frame"]);
-    for p in &plan.run {
-        table.row([
-            all(&p.muscle),
-            p.effect.clone(),
-            p.elements.to_string(),
-            p.bytes.to_string(),
-            format!("{:.2}", p.ms_per_frame),
-        ]);
-    }
     let bytes: usize = plan.run.iter().map(|p| p.bytes).sum();
     let ms: f64 = plan.run.iter().map(|p| p.ms_per_frame).sum();
-    table.row([
+    let [mut ran, left_out] = effect_tables(of, &plan);
+    let (all_bytes, all_ms) = (bytes.to_string(), format!("{ms:.2}"));
+    ran.row([
         "total".to_owned(),
         String::new(),
         String::new(),
-        bytes.to_string(),
-        format!("{ms:.2}"),
+        all_bytes,
+        all_ms,
     ]);
-    table.to_text()
+    let mut tables = vec![ran, left_out];
+    tables.retain(|table| !table.rows.is_empty());
+    let name = content.name().to_owned();
+    Ok(arguments.printing.finish(&RunOutput {
+        kind: "plan",
+        measures: json!({
+            "frames_in_scene": content.frames(),
+            "effects": effects(&plan),
+            "bytes": bytes,
+            "frame_s": ms * 1e-3,
+        }),
+        time_s: begun.elapsed().as_secs_f64(),
+        text: format!("{name}: {} frames{rate}\n", content.frames()),
+        name,
+        tables_of_text: tables.len(),
+        tables,
+        ..RunOutput::default()
+    }))
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::warn;
+use super::{note, quiet};
 use pliant::mesh::measures::max_or_nan;
 use pliant::progress::Progress;
 use pliant::simulation::Measures;
@@ -34,7 +34,8 @@ pub(super) struct Bar {
 impl Bar {
     /// A bar with this number of steps and this template of indicatif.
     fn new(steps: usize, template: &str) -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
+        let shown = std::io::stderr().is_terminal() && !quiet();
+        let bar = shown.then(|| {
             let style = ProgressStyle::with_template(template)
                 .unwrap_or_else(|_| ProgressStyle::default_bar());
             ProgressBar::new(steps as u64).with_style(style)
@@ -85,7 +86,7 @@ impl Bar {
                 bar.set_message(text);
                 bar.set_position(frame as u64);
             }
-            None => warn(&format!("frame {frame}/{}  {text}", self.steps)),
+            None => note(&format!("frame {frame}/{}  {text}", self.steps)),
         }
     }
 
@@ -138,7 +139,7 @@ impl Bar {
         match &self.bar {
             Some(bar) => bar.set_position(frame as u64),
             None if frame == 0 => {}
-            None if frame == self.steps => warn(&format!("frame {frame}/{frame}")),
+            None if frame == self.steps => note(&format!("frame {frame}/{frame}")),
             None => self.now_and_then(|| {
                 let seconds = took.as_secs_f64();
                 format!("frame {frame}/{}  {seconds:.1} s a frame", self.steps)
@@ -150,7 +151,7 @@ impl Bar {
     pub(super) fn say(&self, line: &str, more: impl FnOnce() -> String) {
         match &self.bar {
             Some(bar) => bar.println(line),
-            None => warn(&format!("{line}{}", more())),
+            None => note(&format!("{line}{}", more())),
         }
     }
 
@@ -158,7 +159,7 @@ impl Bar {
         let last = *self.said.lock().unwrap_or_else(PoisonError::into_inner);
         if last.elapsed().as_secs_f64() >= SECONDS_BETWEEN {
             restart(&self.said);
-            warn(&text());
+            note(&text());
         }
     }
 

@@ -2,6 +2,8 @@
 
 mod staged;
 
+pub(super) use staged::Job;
+
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,16 +16,15 @@ use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::options::Output;
 use super::progress::{Bar, if_raised};
-use super::{DONE, FAILED, INTERRUPTED, environment, resume, say_json, warn};
+use super::{DONE, FAILED, INTERRUPTED, environment, note, resume, warn};
 use crate::report::folder::Folder;
-use crate::report::output::verdict_table;
+use crate::report::output::RunOutput;
 use crate::report::results::Results;
-use crate::report::summary::Summary;
+use crate::report::run::Finished;
 use pliant::accuracy::{self, Chosen, StudyError};
-use pliant::io::file_name;
 use pliant::scene::{Accuracy, Content, Scene};
 use pliant::simulation::checkpoint::Fingerprint;
-use pliant::simulation::{self, Assets, Ended, LoadError, Observer, Plan, Simulation};
+use pliant::simulation::{self, Assets, LoadError, Observer, Plan, Simulation};
 
 /// The default scene.
 const FIRST_SCENE: &str = "hip";
@@ -149,7 +150,7 @@ fn of_muscles(
     let (mut results, every) = match resumed {
         Some(bytes) => resume::go_on(&out, &bytes, &mut simulation, animate, begun)?,
         None => (
-            Results::begin(Folder::open(&out)?, &simulation, animate, begun)?,
+            Results::begin(Folder::open(&out)?, &simulation, animate, begun),
             0,
         ),
     };
@@ -160,18 +161,29 @@ fn of_muscles(
     if every > 0 {
         results.keep_every(every, Fingerprint::of(&simulation));
     }
-    let summary = advance(
-        &mut simulation,
-        results,
-        &settings(arguments),
-        stop,
-        chosen.as_ref(),
-    )?;
-    if arguments.output.printing.json {
-        say_json(&summary);
+    let settings = settings(arguments);
+    let finished = advance(&mut simulation, results, &settings, stop, chosen.as_ref())?;
+    conclude(&arguments.output, arguments.strict, finished)
+}
+
+/// Writes and prints a result. Returns the exit code.
+fn conclude(to: &Output, strict: bool, finished: Finished<'_>) -> Result<u8, Failure> {
+    let Finished { folder, output } = finished;
+    let code = exit_code(&output, strict);
+    to.finish(&folder, output)?;
+    Ok(code)
+}
+
+fn exit_code(output: &RunOutput<'_>, strict: bool) -> u8 {
+    // Without --strict a frame of muscles may miss the tolerance.
+    let must_converge = strict || output.kind != "muscles";
+    let run = output.scene.as_ref();
+    let failed = run.is_none_or(|run| run.stopped.is_some() || must_converge && !run.converged);
+    match (output.interrupted, failed) {
+        (true, _) => INTERRUPTED,
+        (false, true) => FAILED,
+        (false, false) => DONE,
     }
-    arguments.output.printing.say(&in_words(&summary, &out));
-    Ok(exit_code(&summary, arguments.strict))
 }
 
 /// Share of the estimated time of a run for the study that selects solver and settings.
@@ -208,7 +220,7 @@ fn choose(
         }
     };
     scene.solver = chosen.candidate.solver;
-    warn(&format!(
+    note(&format!(
         "accuracy {} mm: {}",
         pliant::format::number(chosen.target_m * 1e3),
         chosen.why
@@ -223,7 +235,7 @@ fn advance(
     settings: &[(String, String)],
     stop: &AtomicBool,
     chosen: Option<&Chosen>,
-) -> Result<Summary, Failure> {
+) -> Result<Finished<'static>, Failure> {
     let mut shown = Shown {
         results,
         bar: Bar::of_frames(simulation.scene.frames),
@@ -234,7 +246,7 @@ fn advance(
     // The error of a failed writer is reported at the end.
     let _ = results.checkpoint(simulation, true);
     bar.end();
-    Ok(results.finish(simulation, settings, ended == Ended::Interrupted, chosen)?)
+    Ok(results.finish(simulation, settings, &ended, chosen)?)
 }
 
 /// Collects results, and shows the measures of each frame in a bar.
@@ -277,12 +289,17 @@ fn settings(arguments: &Arguments) -> Vec<(String, String)> {
             .frames
             .map(|n| ("--frames".to_owned(), n.to_string())),
     );
-    all.push((
-        "threads".to_owned(),
-        rayon::current_num_threads().to_string(),
-    ));
-    all.push(("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()));
+    all.extend(settings_of_all());
     all
+}
+
+/// The settings of every run, for the report.
+pub(super) fn settings_of_all() -> [(String, String); 2] {
+    let threads = rayon::current_num_threads().to_string();
+    [
+        ("threads".to_owned(), threads),
+        ("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+    ]
 }
 
 /// A flag that Ctrl-C sets, with a message; a second Ctrl-C ends the process at once.
@@ -302,60 +319,4 @@ pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
         ));
     }
     stop
-}
-
-fn exit_code(summary: &Summary, strict: bool) -> u8 {
-    if summary.interrupted {
-        INTERRUPTED
-    } else if summary.stopped() || (strict && !summary.converged) {
-        FAILED
-    } else {
-        DONE
-    }
-}
-
-/// The final message for the user.
-fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
-    let Summary {
-        frames,
-        frames_wanted,
-        time,
-        ..
-    } = summary;
-    let mut text = format!(
-        "{}: {frames} of {frames_wanted} frames in {:.1} s ({:.1} ms a frame){}\n\n",
-        summary.scene,
-        time.total_s,
-        time.frame_ms_median,
-        if summary.interrupted {
-            ", interrupted"
-        } else {
-            ""
-        }
-    );
-    text.push_str(&verdict_table(&summary.verdicts).to_text());
-    text.push('\n');
-    for m in &summary.muscles {
-        text.push_str(&format!(
-            "  {}: {} vertices, {} held; edge stretch rms {:.2} % at worst (frame {}), {:.2} % at the end\n",
-            m.name,
-            m.vertices,
-            m.vertices_attached,
-            m.edge_stretch_rms_worst * 100.0,
-            m.worst_frame,
-            m.edge_stretch_rms_end * 100.0
-        ));
-    }
-    for note in &summary.notes {
-        text.push_str(&format!("  note: {note}\n"));
-    }
-    let pvd = folder.join(format!("{}.pvd", file_name(&summary.scene)));
-    let page = folder.join("report.html");
-    text.push_str(&format!(
-        "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
-        folder.display(),
-        page.display(),
-        pvd.display()
-    ));
-    text
 }

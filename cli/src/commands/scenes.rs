@@ -1,11 +1,11 @@
 //! `pliant scenes`: the built-in scenes.
 
-use serde::Serialize;
+use serde_json::json;
 
 use super::failure::Failure;
 use super::options::Printing;
-use super::{DONE, say, say_json};
 use crate::report::Table;
+use crate::report::output::RunOutput;
 use pliant::scene::builtin::{BUILTIN, builtin, load};
 
 /// List the built-in scenes, or show one
@@ -31,46 +31,38 @@ enum Command {
     },
 }
 
-#[derive(Serialize)]
-struct Listed {
-    name: &'static str,
-    about: &'static str,
-}
-
-#[derive(Serialize)]
-struct Shown<'a> {
-    name: &'a str,
-    toml: &'static str,
-}
-
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    match &arguments.command {
-        None if arguments.printing.json => {
-            let listed = BUILTIN
-                .iter()
-                .map(|&(name, _, about)| Listed { name, about });
-            say_json(&listed.collect::<Vec<_>>());
-        }
+    let (name, scenes, text) = match &arguments.command {
         None => {
             let mut table = Table::default();
-            BUILTIN
-                .iter()
-                .for_each(|(name, _, about)| table.row([*name, *about]));
-            arguments.printing.say(&table.to_text());
+            let each = BUILTIN.iter().map(|(name, _, about)| {
+                table.row([*name, *about]);
+                json!({"name": name, "about": about})
+            });
+            let scenes: Vec<_> = each.collect();
+            ("built-in scenes", scenes, table.to_text())
         }
-        Some(Command::Show { name }) => match builtin(name) {
-            Some(toml) if arguments.printing.json => say_json(&Shown { name, toml }),
-            Some(toml) => say(toml),
-            // The error of the loader lists the existing scenes.
-            None => {
+        Some(Command::Show { name }) => {
+            let Some(toml) = builtin(name) else {
+                // The error of the loader lists the existing scenes.
                 load(name, &[])?;
                 let hint = "`pliant scenes` lists those that need no file";
                 return Err(Failure::usage(
                     format!("`{name}` is a file, not a built-in scene"),
                     hint,
                 ));
-            }
-        },
-    }
-    Ok(DONE)
+            };
+            let about = BUILTIN.iter().find(|(known, ..)| known == name);
+            let about = about.map(|(_, _, about)| about);
+            let scene = json!({"name": name, "about": about, "toml": toml});
+            (name.as_str(), vec![scene], toml.to_owned())
+        }
+    };
+    Ok(arguments.printing.finish(&RunOutput {
+        kind: "scenes",
+        name: name.to_owned(),
+        measures: json!({"scenes": scenes}),
+        text,
+        ..RunOutput::default()
+    }))
 }

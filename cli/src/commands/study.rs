@@ -6,13 +6,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
+use serde_json::json;
+
 use super::failure::Failure;
 use super::options::Output;
 use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
-use super::{DONE, INTERRUPTED, environment, say, say_json, warn};
+use super::{environment, note};
 use crate::report::Table;
 use crate::report::folder::Folder;
+use crate::report::output::RunOutput;
 use crate::study::combinations::in_words;
 use crate::study::running::missing;
 use crate::study::{Combination, Combinations, Findings, Outcome, execute, findings};
@@ -40,7 +43,7 @@ A study file:
   \"solver.pbd.iterations\" = 100
 Also: name; combine = \"one at a time\"; measures = [\"time_s\", ...]. See docs/studies.md.
 
-Results in pliant-out/NAME-study: report.html, sheet.png, study.csv, study.json, and runs/*.json, which a second call
+Results in pliant-out/NAME-study: report.html, sheet.png, study.csv, summary.json, and runs/*.json, which a second call
 takes as they are where nothing that they depend on has changed. Exit code 130 after Ctrl-C: finished runs are kept.")]
 pub(super) struct Arguments {
     /// The study file
@@ -58,6 +61,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
     let stop = stop_on_interrupt("stopping after this frame");
     let threads = arguments.output.threads.count();
     arguments.output.threads.start();
@@ -72,8 +76,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let path = arguments.output.folder(name, "study");
     let mut wanted = missing(&study, (!arguments.fresh).then_some(path.as_path()));
     if arguments.dry_run {
-        list(&study, &wanted, threads, arguments.output.printing.json);
-        return Ok(DONE);
+        let output = list(&study, &wanted, threads);
+        return Ok(arguments.output.printing.finish(&output));
     }
     let folder =
         Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
@@ -83,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let said = Said::new(&study, &wanted, stop.clone());
     let taken = study.all.len() - wanted.len();
     if taken > 0 {
-        warn(&format!(
+        note(&format!(
             "{taken} of {} runs are finished already",
             study.all.len()
         ));
@@ -100,31 +104,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     )?;
     said.end();
     let found = Findings::of(&study, folder.path());
-    let sheets = found.write(&folder)?;
-    if arguments.output.printing.json {
-        say_json(&found.to_json());
-    } else {
-        let mut text = format!("{}\n", found.table().to_text());
-        let file = |name: &str| path.join(name).display().to_string();
-        text.push_str(&format!(
-            "\nResults in {}\n  open {} in a browser\n",
-            path.display(),
-            file("report.html")
-        ));
-        sheets
-            .first()
-            .into_iter()
-            .for_each(|name| text.push_str(&format!("  pictures: {}\n", file(name))));
-        if found.interrupted {
-            text.push_str("  not complete: the same command goes on where this one stopped\n");
-        }
-        arguments.output.printing.say(&text);
-    }
-    Ok(if found.interrupted { INTERRUPTED } else { DONE })
+    let output = found.output(&folder, begun.elapsed().as_secs_f64())?;
+    arguments.output.finish(&folder, output)
 }
 
-/// Prints the runs without running them.
-fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
+/// The runs without running them.
+fn list(study: &Combinations, wanted: &[usize], threads: usize) -> RunOutput<'static> {
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
     let all: f64 = wanted.iter().map(|&k| expected[k]).sum();
     let longest = wanted
@@ -139,17 +124,17 @@ fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
             "finished"
         }
     };
-    if json {
-        let row = |(k, c): (usize, &Combination)| {
-            let (run, state) = (c.role.name(), state(k));
-            serde_json::json!({"label": c.label, "run": run, "state": state, "expected_s": expected[k]})
-        };
-        let rows: Vec<_> = study.all.iter().enumerate().map(row).collect();
-        return say_json(
-            &serde_json::json!({"study": study.name, "rows": rows, "expected_s": wall}),
-        );
-    }
-    let mut table = Table::new("", ["run", "state", "frames", "expected [s]"]);
+    let row = |(k, c): (usize, &Combination)| {
+        json!({
+            "label": c.label,
+            "run": c.role.name(),
+            "state": state(k),
+            "frames": c.frames(),
+            "expected_s": expected[k],
+        })
+    };
+    let rows: Vec<_> = study.all.iter().enumerate().map(row).collect();
+    let mut table = Table::new("Runs", ["run", "state", "frames", "expected [s]"]);
     for (k, c) in study.all.iter().enumerate() {
         table.row([
             c.label.clone(),
@@ -158,14 +143,23 @@ fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
             format!("{:.1}", expected[k]),
         ]);
     }
-    let count = wanted.len();
+    let (count, all, time) = (wanted.len(), study.all.len(), in_words(wall));
     let plan = "by the plan, which does not know how much contact there will be";
-    say(&format!(
-        "{}\n{count} of {} to run, about {} on {threads} threads ({plan})\n",
-        table.to_text(),
-        study.all.len(),
-        in_words(wall)
-    ));
+    RunOutput {
+        kind: "study",
+        name: study.name.clone(),
+        measures: json!({
+            "scene": study.scene,
+            "combine": study.combine.name(),
+            "frames": study.frames,
+            "expected_s": wall,
+            "rows": rows,
+        }),
+        text: format!("{count} of {all} to run, about {time} on {threads} threads ({plan})\n"),
+        tables_of_text: 1,
+        tables: vec![table],
+        ..RunOutput::default()
+    }
 }
 
 /// Prints the progress of a study on standard error: a bar on a terminal, a line per finished run.

@@ -10,7 +10,8 @@ use nalgebra::Vector3;
 use super::folder::FolderError;
 use super::frames::{Listing, file_at};
 use super::record::{FrameTimes, Record};
-use super::results::Shots;
+use super::results::severity;
+use super::shots::Shots;
 use pliant::simulation::{FrameState, Measures, Scenario, SceneDescription, Simulation};
 use pliant::solvers::effect_of_name;
 use pliant::state::{DecodeError, Reader, Writer};
@@ -122,7 +123,7 @@ impl Gathered {
             // The frame numbers and measures decide which frames are shown.
             shots.add(
                 &Arc::new(simulation.state_of_bones(frame)),
-                &measures[..count.min(measures.len())],
+                severity(&measures[..count.min(measures.len())]),
             );
         }
         let mut known: HashMap<usize, Arc<FrameState>> = HashMap::new();

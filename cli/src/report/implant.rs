@@ -1,4 +1,4 @@
-//! Skin over implants as a table, JSON, pictures, files and a page.
+//! Skin over implants: tables, pictures, findings and files.
 
 mod pictures;
 mod tables;
@@ -9,14 +9,12 @@ use std::path::Path;
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
-use super::output::{OutputFile, Picture, Plot, RunOutput, Verdict};
+use super::output::{OutputFile, Picture, Plot};
 use pliant::io::vtp;
 use pliant::mesh::TriangleMesh;
 use pliant::skin::{
-    Areas, CAVEATS, GROWN_SOURCE, ImplantSpec, Inserted, PreparedPatch, RETRACTED_SOURCE,
-    SettleProgress, Shell, Whole, stretches,
+    Areas, ImplantSpec, Inserted, PreparedPatch, SettleProgress, Shell, Whole, stretches,
 };
-use pliant_render::PictureError;
 
 /// Results for one of several volumes of an implant.
 #[derive(Clone, Copy, Debug)]
@@ -33,11 +31,9 @@ pub struct Point {
     pub progress: SettleProgress,
 }
 
-/// Results of an insertion.
+/// The present state of skin over implants.
 #[derive(Debug)]
 pub struct Insertion<'a> {
-    /// Name of the skin.
-    pub name: String,
     /// The skin as read [m].
     pub skin: &'a TriangleMesh,
     /// Implants, in groups that share skin.
@@ -50,12 +46,6 @@ pub struct Insertion<'a> {
     pub curve: Vec<Point>,
     /// Stretch above which skin counts as stretched too far.
     pub limit: f64,
-    /// True if an interruption left out requested implants or volumes.
-    pub interrupted: bool,
-    /// Requested gain [m^2].
-    pub wanted: Option<f64>,
-    /// Total time [s].
-    pub time: f64,
     /// What lies under the skin, `implant` or `ball`, in captions.
     pub under: &'static str,
 }
@@ -72,8 +62,6 @@ struct Single<'a> {
     region: usize,
     /// `None` for a ball.
     shell: Option<&'a Shell>,
-    /// Indices of the implants that share its skin, from 1.
-    shares: Vec<usize>,
 }
 
 pub(super) fn json_of(areas: &Areas) -> Value {
@@ -136,11 +124,6 @@ impl Insertion<'_> {
             self.implants.iter().zip(&self.numbers).enumerate()
         {
             for (k, ((order, frame), &number)) in ready.sites().zip(numbers).enumerate() {
-                let shares = numbers
-                    .iter()
-                    .filter(|n| **n != number)
-                    .map(|n| n + 1)
-                    .collect();
                 all.push(Single {
                     number,
                     order,
@@ -149,7 +132,6 @@ impl Insertion<'_> {
                     done,
                     region,
                     shell: done.shells.get(k),
-                    shares,
                 });
             }
         }
@@ -183,46 +165,17 @@ impl Insertion<'_> {
 
     /// Volume of all implants [m^3].
     fn volume(&self) -> f64 {
-        self.implants.iter().map(|(_, done)| done.volume()).sum()
+        // An empty sum is minus zero.
+        self.implants
+            .iter()
+            .map(|(_, done)| done.volume())
+            .sum::<f64>()
+            + 0.0
     }
 
     /// Total areas of all implants.
     pub fn areas(&self) -> Areas {
         self.implants.iter().map(|(_, done)| done.areas).sum()
-    }
-
-    /// True if all parts reached their equilibrium.
-    pub fn converged(&self) -> bool {
-        self.implants
-            .iter()
-            .all(|(_, done)| done.progress.converged)
-            && self.curve.iter().all(|point| point.progress.converged)
-    }
-
-    /// Results of the checks: whether everything shown, and every volume of a curve, is at rest.
-    pub fn verdicts(&self) -> Vec<Verdict> {
-        let at_rest = "skin and implant are at rest";
-        let alone = |single: &Single| {
-            self.curve
-                .iter()
-                .all(|point| point.implant != single.number + 1)
-        };
-        let shown = self.each().into_iter().filter(alone).map(|one| {
-            let (number, cc) = (one.number + 1, one.volume() * 1e6);
-            Verdict::new(at_rest, one.done.progress.converged)
-                .at(format!("implant {number}, {cc:.1} cc"))
-        });
-        let curve = self.curve.iter().map(|point| {
-            let day = point
-                .day
-                .map_or(String::new(), |day| format!(", day {day}"));
-            let (called, cc) = (self.called(point.implant), point.volume * 1e6);
-            Verdict::new(at_rest, point.progress.converged)
-                .at(format!("implant {called}{day}, {cc:.1} cc"))
-        });
-        let complete = Verdict::new("the result is complete: it was interrupted", false);
-        let cut = self.interrupted.then_some(complete);
-        cut.into_iter().chain(shown).chain(curve).collect()
     }
 
     /// Findings that are neither right nor wrong: highly stretched skin.
@@ -240,39 +193,8 @@ impl Insertion<'_> {
         self.implants.iter().map(|(ready, _)| of(ready)).sum()
     }
 
-    /// The JSON of `--json`.
-    pub fn to_json(&self) -> Value {
-        let each = self.each().into_iter().map(|one| {
-            let (volume, pressure) = (one.volume(), one.pressure());
-            let Single {
-                number,
-                order,
-                frame,
-                ready,
-                done,
-                shares,
-                ..
-            } = one;
-            let own = json!({
-                "implant": number + 1,
-                "shares_skin_with": shares,
-                "shape": order.implant.shape.name(),
-                "base_m": order.implant.base,
-                "implant_volume_m3": volume,
-                "depth_m": order.tissue.depth,
-                "edge_m": ready.layers.edge,
-                "centre_m": frame.translation.vector.as_slice(),
-                "pressure_pa": pressure,
-                "area_gain_uncertainty_m2": done.gain_uncertainty(),
-                "residual": done.progress.residual,
-                "penetration_m": done.progress.depth,
-                "rounds": done.progress.rounds,
-                "steps": done.progress.iterations,
-                "converged": done.progress.converged,
-                "rest_by": done.progress.rest_by(),
-            });
-            joined(own, json_of(&done.areas))
-        });
+    /// The measures of all implants together, and of the volumes of a curve.
+    pub(super) fn to_json(&self) -> Value {
         let curve = self.curve.iter().map(|point| {
             let own = json!({
                 "implant": point.implant,
@@ -283,8 +205,7 @@ impl Insertion<'_> {
             });
             joined(own, json_of(&point.areas))
         });
-        let all = json!({
-            "skin": self.name,
+        json!({
             "implant_volume_m3": self.volume(),
             "region": {
                 "vertices": self.count(|r| 2 * r.layers.count()),
@@ -292,17 +213,9 @@ impl Insertion<'_> {
                 "springs": self.count(|r| r.layers.springs.len()),
             },
             "area_gain_uncertainty_m2": self.gain_uncertainty(),
-            "steps": self.implants.iter().map(|(_, done)| done.progress.iterations).sum::<u32>(),
-            "converged": self.converged() && !self.interrupted,
-            // An empty sum is minus zero.
-            "area_over_limit_m2": self.over_limit() + 0.0,
-            "wanted_area_m2": self.wanted,
-            "stretch_limit": self.limit,
-            "sources": {"retracted": RETRACTED_SOURCE, "grown": GROWN_SOURCE},
-            "implants": each.collect::<Vec<_>>(),
+            "area_over_limit_m2": self.over_limit(),
             "curve": curve.collect::<Vec<_>>(),
-        });
-        joined(json_of(&self.areas()), all)
+        })
     }
 
     /// Initial area of the skin that is stretched beyond the limit [m^2].
@@ -320,19 +233,13 @@ impl Insertion<'_> {
                 .map(|(a, _)| a)
                 .sum::<f64>()
         };
-        self.implants.iter().map(of).sum()
+        // An empty sum is minus zero.
+        self.implants.iter().map(of).sum::<f64>() + 0.0
     }
 
-    /// The files of results with this number of implants, with those of a curve.
+    /// The surfaces and pictures of this number of implants, with the files of a curve.
     pub fn files(implants: usize, curve: bool) -> Vec<String> {
-        let fixed = [
-            "skin.vtp",
-            "stretch.png",
-            "side.png",
-            "before.png",
-            "summary.json",
-            "report.html",
-        ];
+        let fixed = ["skin.vtp", "stretch.png", "side.png", "before.png"];
         let of_curve = ["curve.csv", "curve.svg"].into_iter().filter(|_| curve);
         let shells = (1..=implants).map(|k| format!("implant_{k}.vtp"));
         let more = |k: usize| ["stretch", "side", "before"].map(|what| format!("{what}_{k}.png"));
@@ -345,21 +252,16 @@ impl Insertion<'_> {
             .collect()
     }
 
-    /// The result.
-    ///
-    /// # Errors
-    /// A picture that cannot be encoded.
-    pub fn output(&self) -> Result<RunOutput<'_>, PictureError> {
-        let (shown, each) = (self.shown(), self.each());
-        let (count, tables) = (each.len(), self.tables());
-        let pictures = self.pictures(&shown)?;
+    /// The surfaces at equilibrium: the whole skin with its stretch, and each implant if there are
+    /// `implants` and no ball.
+    pub(super) fn surfaces(&self, shown: Shown, implants: bool) -> Vec<OutputFile<'static>> {
+        let limit = self.limit;
         let mut files = vec![OutputFile::new("skin.vtp", move |path| {
-            self.write_skin(&shown, path)
+            write_skin(&shown, limit, path)
         })];
-        for one in each {
-            let name = format!("implant_{}.vtp", one.number + 1);
+        for one in self.each().into_iter().filter(|_| implants) {
+            let (name, shell) = (format!("implant_{}.vtp", one.number + 1), one.mesh());
             files.push(OutputFile::new(name, move |path| {
-                let shell = one.mesh();
                 let data = vtp::PolyData {
                     points: &shell.vertices,
                     triangles: &shell.triangles,
@@ -368,53 +270,15 @@ impl Insertion<'_> {
                 vtp::write(path, &data)
             }));
         }
-        let plot = |plot| Plot {
-            file: Some("curve.svg".to_owned()),
-            plot,
-        };
-        Ok(RunOutput {
-            kind: "implant",
-            name: self.name.clone(),
-            measures: self.to_json(),
-            verdicts: self.verdicts(),
-            findings: self.findings(),
-            interrupted: self.interrupted,
-            time_s: self.time,
-            title: format!(
-                "{}: {count} implant{}",
-                self.name,
-                if count == 1 { "" } else { "s" }
-            ),
-            subtitle: format!("{:.1} s", self.time),
-            tables_of_text: tables.len(),
-            tables,
-            pictures,
-            plots_title: "Areas of several volumes".to_owned(),
-            plots: self.plot().into_iter().map(plot).collect(),
-            explanations: CAVEATS.map(str::to_owned).to_vec(),
-            data: Some(self.csv())
-                .filter(|_| !self.curve.is_empty())
-                .into_iter()
-                .collect(),
-            files,
-            ..RunOutput::default()
-        })
+        files
     }
 
-    /// The whole skin with its stretch.
-    fn write_skin(&self, shown: &Shown, path: &Path) -> io::Result<()> {
-        let over: Vec<f64> = shown
-            .stretch
-            .iter()
-            .map(|s| f64::from(u8::from(*s > self.limit)))
-            .collect();
-        let data = vtp::PolyData {
-            points: &shown.skin.vertices,
-            triangles: &shown.skin.triangles,
-            lines: &[],
-            point_data: vec![("stretch", shown.stretch.clone()), ("over_limit", over)],
-        };
-        vtp::write(path, &data)
+    /// The plot of the curve with its file.
+    pub(super) fn curve_plot(&self) -> Option<Plot> {
+        self.plot().map(|plot| Plot {
+            file: Some("curve.svg".to_owned()),
+            plot,
+        })
     }
 
     /// The whole skin before and at equilibrium.
@@ -442,6 +306,21 @@ impl Insertion<'_> {
             stretch,
         }
     }
+}
+
+/// Writes the whole skin with its stretch.
+fn write_skin(shown: &Shown, limit: f64, path: &Path) -> io::Result<()> {
+    let over = |stretch: &f64| f64::from(u8::from(*stretch > limit));
+    let data = vtp::PolyData {
+        points: &shown.skin.vertices,
+        triangles: &shown.skin.triangles,
+        lines: &[],
+        point_data: vec![
+            ("stretch", shown.stretch.clone()),
+            ("over_limit", shown.stretch.iter().map(over).collect()),
+        ],
+    };
+    vtp::write(path, &data)
 }
 
 /// Mean of the greatest stretches of a vertex's triangles.

@@ -1,13 +1,12 @@
 //! Results of a lattice that is displaced and released.
 
-use serde_json::json;
+use serde_json::{Value, json};
 
-use super::output::{Verdict, own_object};
-use super::run::Account;
+use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::{LinePlot, Table};
 use pliant::format::number;
 use pliant::mesh::measures::max_or_nan;
-use pliant::simulation::LatticeRun;
+use pliant::simulation::{LatticeMeasures, LatticeRun};
 use pliant::springs::Neighbours;
 
 /// Greatest distance from its start, relative to the spacing, of a lattice that keeps its shape.
@@ -39,39 +38,46 @@ fn verdicts(run: &LatticeRun) -> Vec<Verdict> {
         .collect()
 }
 
-fn csv(run: &LatticeRun) -> String {
-    let mut text = "frame,time_s,distance_from_start_m,moved_m,wall_s\n".to_owned();
-    for f in &run.frames {
+fn data(run: &LatticeRun) -> DataFile<'_> {
+    let columns = [
+        "frame",
+        "time_s",
+        "distance_from_start_m",
+        "moved_m",
+        "wall_s",
+    ];
+    let row = |f: &LatticeMeasures| {
         let time = f.frame as f64 / run.scene.frame_rate;
-        text.push_str(&format!(
-            "{},{time},{},{},{}\n",
-            f.frame, f.distance, f.moved, f.time_s
-        ));
-    }
-    text
+        let numbers = [time, f.distance, f.moved, f.time_s].map(|x| x.to_string());
+        [f.frame.to_string()].into_iter().chain(numbers).collect()
+    };
+    DataFile::new("measures.csv", columns, run.frames.iter().map(row))
 }
 
-/// The report data of a lattice after its last frame.
-pub fn account(run: &LatticeRun) -> Account {
-    let (lattice, time_s) = (
-        &run.lattice,
-        run.frames.iter().map(|f| f.time_s).sum::<f64>(),
-    );
-    let farthest = max_or_nan(run.frames.iter().map(|f| f.distance));
-    let own = json!({
-            "points": lattice.shape().count(),
-            "springs": lattice.spring_count(),
-            "neighbours": if run.scene.neighbours == Neighbours::Six { 6 } else { 26 },
-            "steps": lattice.steps(),
-            "steps_a_frame": run.steps,
-            "time_step_s": lattice.time_step(),
-            "stability_limit_s": lattice.stability_limit(),
-            "damping_kg_s": lattice.damping(),
-            "distance_from_start_max_m": farthest,
-            "distance_from_start_end_m": run.distance(),
-            "at_rest": run.at_rest(),
-            "time_s": time_s,
-    });
+/// Greatest distance from the start over all frames [m].
+fn farthest(run: &LatticeRun) -> f64 {
+    max_or_nan(run.frames.iter().map(|f| f.distance))
+}
+
+fn measures(run: &LatticeRun) -> Value {
+    let lattice = &run.lattice;
+    json!({
+        "points": lattice.shape().count(),
+        "springs": lattice.spring_count(),
+        "neighbours": if run.scene.neighbours == Neighbours::Six { 6 } else { 26 },
+        "steps": lattice.steps(),
+        "steps_a_frame": run.steps,
+        "time_step_s": lattice.time_step(),
+        "stability_limit_s": lattice.stability_limit(),
+        "damping_kg_s": lattice.damping(),
+        "distance_from_start_max_m": farthest(run),
+        "distance_from_start_end_m": run.distance(),
+        "at_rest": run.at_rest(),
+    })
+}
+
+fn table(run: &LatticeRun) -> Table {
+    let lattice = &run.lattice;
     let mut table = Table::new("Lattice", ["what", "value"]);
     for (what, value) in [
         ("points", lattice.shape().count().to_string()),
@@ -85,7 +91,7 @@ pub fn account(run: &LatticeRun) -> Account {
         ("damping of a point [kg/s]", number(lattice.damping())),
         (
             "distance from the start, greatest [mm]",
-            number(farthest * 1e3),
+            number(farthest(run) * 1e3),
         ),
         (
             "distance from the start, end [mm]",
@@ -95,27 +101,32 @@ pub fn account(run: &LatticeRun) -> Account {
             "at rest at the end",
             if run.at_rest() { "yes" } else { "no" }.to_owned(),
         ),
-        ("time of all steps [s]", number(time_s)),
     ] {
         table.row([what.to_owned(), value]);
     }
-    let points = |of: fn(&pliant::simulation::LatticeMeasures) -> f64| {
-        run.frames
-            .iter()
-            .map(|f| (f.frame as f64, of(f) * 1e3))
-            .collect::<Vec<_>>()
+    table
+}
+
+/// The result of a run, without the parts that all scenes have in common.
+pub(super) fn output(run: &LatticeRun) -> RunOutput<'_> {
+    let plot = |title: &str, of: fn(&LatticeMeasures) -> f64| {
+        let points = run.frames.iter().map(|f| (f.frame as f64, of(f) * 1e3));
+        Plot {
+            file: None,
+            plot: LinePlot::new(title, "frame").with("", points),
+        }
     };
-    Account {
-        summary: own_object("lattice", own),
+    RunOutput {
+        kind: "lattice",
+        measures: measures(run),
         verdicts: verdicts(run),
-        tables: vec![table],
+        tables_of_text: 1,
+        tables: vec![table(run)],
         plots: vec![
-            LinePlot::new("Distance from the start, greatest [mm]", "frame")
-                .with("", points(|f| f.distance)),
-            LinePlot::new("Motion in a frame, greatest [mm]", "frame")
-                .with("", points(|f| f.moved)),
+            plot("Distance from the start, greatest [mm]", |f| f.distance),
+            plot("Motion in a frame, greatest [mm]", |f| f.moved),
         ],
-        measures: csv(run),
-        notes: Vec::new(),
+        data: vec![data(run)],
+        ..RunOutput::default()
     }
 }

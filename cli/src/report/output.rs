@@ -3,6 +3,7 @@
 //!
 //! `docs/summary.md` explains the summary, `docs/summary.schema.json` is its schema.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -10,11 +11,12 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::folder::{Folder, FolderError};
-use super::{LinePlot, Report, Table};
+use super::{LinePlot, Report, Table, Turntable};
 use pliant::format::number;
+use pliant::simulation::Plan;
 
 /// Version of the format of summaries. It increases when a key changes its name or its meaning.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// The result of one check.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -231,6 +233,56 @@ impl<'a> OutputFile<'a> {
     }
 }
 
+/// The part of a result that only the run of a scene has.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SceneRun {
+    /// Number of frames computed after the start.
+    pub frames: usize,
+    /// Number of frames of the scene.
+    pub frames_in_scene: usize,
+    /// Whether every frame converged, or came to rest.
+    pub converged: bool,
+    /// The reason of an end before the last frame; `None` after Ctrl-C.
+    pub stopped: Option<String>,
+    /// Wall times.
+    pub times: Times,
+    /// Effects that ran and did not run, from [`effects`].
+    pub effects: Value,
+}
+
+/// Wall times of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Times {
+    /// Reading and preparation of the scene and its meshes [s].
+    pub prepare_s: f64,
+    /// All frames, without their audit [s].
+    pub frames_s: f64,
+    /// Median of a frame, without its audit [s].
+    pub frame_median_s: f64,
+    /// Audit of all frames [s]; `None` for a scene without one.
+    pub audit_s: Option<f64>,
+    /// Each effect, summed over muscles, frames and threads [s].
+    pub effects_s: BTreeMap<&'static str, f64>,
+    /// After the last frame: waiting frames and the animation [s].
+    pub finish_s: f64,
+}
+
+/// The effects of a plan, as in summaries.
+pub fn effects(plan: &Plan) -> Value {
+    let run = plan.run.iter().map(|p| {
+        json!({
+            "part": p.muscle,
+            "effect": p.effect,
+            "elements": p.elements,
+            "bytes": p.bytes,
+            "frame_s": p.ms_per_frame * 1e-3,
+        })
+    });
+    let left_out = plan.left_out.iter();
+    let left_out = left_out.map(|l| json!({"part": l.muscle, "effect": l.effect, "why": l.why}));
+    json!({"run": run.collect::<Vec<_>>(), "left_out": left_out.collect::<Vec<_>>()})
+}
+
 /// The result of a command.
 #[derive(Default)]
 pub struct RunOutput<'a> {
@@ -240,6 +292,8 @@ pub struct RunOutput<'a> {
     pub name: String,
     /// Measures, an object.
     pub measures: Value,
+    /// Frames and times, for the run of a scene.
+    pub scene: Option<SceneRun>,
     /// Checks.
     pub verdicts: Vec<Verdict>,
     /// Observations that are neither right nor wrong.
@@ -266,6 +320,8 @@ pub struct RunOutput<'a> {
     pub plots: Vec<Plot>,
     /// Pictures of the page.
     pub pictures: Vec<Picture>,
+    /// Pictures of the page with a slider.
+    pub turntable: Option<Turntable>,
     /// Explanations at the end of the page, equal for all results of this kind.
     pub explanations: Vec<String>,
     /// CSV files.
@@ -284,14 +340,22 @@ impl RunOutput<'_> {
 
     /// The content of `summary.json`. A number that is not finite is null.
     pub fn summary(&self) -> Value {
-        let own = |name: &String| !name.starts_with("frames/");
-        let pictures = self.pictures.iter().map(|p| p.file.clone());
         let mut files = self.written.clone();
         files.extend(self.files.iter().map(|f| f.name.clone()));
         files.extend(self.data.iter().map(|d| d.file.to_owned()));
         files.extend(self.plots.iter().filter_map(|p| p.file.clone()));
-        files.extend(pictures.chain(["report.html".to_owned(), "summary.json".to_owned()]));
-        files.retain(own);
+        files.extend(self.pictures.iter().map(|p| p.file.clone()));
+        files.extend(["report.html", "summary.json"].map(str::to_owned));
+        files.retain(|name| !name.starts_with("frames/"));
+        self.with_files(&files)
+    }
+
+    /// The summary of a result that has no folder: its only files are those written during the job.
+    pub fn summary_without_folder(&self) -> Value {
+        self.with_files(&self.written)
+    }
+
+    fn with_files(&self, files: &[String]) -> Value {
         let mut all = Map::new();
         for (key, value) in [
             ("format", json!(FORMAT)),
@@ -307,6 +371,9 @@ impl RunOutput<'_> {
             (self.kind, self.measures.clone()),
         ] {
             all.insert(key.to_owned(), value);
+        }
+        if let Value::Object(scene) = json!(self.scene) {
+            all.extend(scene);
         }
         Value::Object(all)
     }
@@ -329,11 +396,12 @@ impl RunOutput<'_> {
         text
     }
 
-    /// Writes all files, `summary.json` last.
+    /// Writes all files, `summary.json` last. Returns its content.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn write(mut self, folder: &Folder, summary: &Value) -> Result<(), FolderError> {
+    pub fn write(mut self, folder: &Folder) -> Result<Value, FolderError> {
+        let summary = self.summary();
         for file in std::mem::take(&mut self.files) {
             let path = folder.claim(&file.name)?;
             (file.fill)(&path).map_err(|source| FolderError::Io { path, source })?;
@@ -352,7 +420,10 @@ impl RunOutput<'_> {
         folder.write("report.html", |w| {
             w.write_all(self.page().to_html().as_bytes())
         })?;
-        write_summary(folder, summary)
+        let text = json_text(&summary);
+        folder.write("summary.json", |w| w.write_all(text.as_bytes()))?;
+        folder.close()?;
+        Ok(summary)
     }
 
     /// The page.
@@ -369,11 +440,11 @@ impl RunOutput<'_> {
             findings: self.findings,
             pictures: shown(pictures),
             sheets: shown(sheets),
+            turntable: self.turntable,
             plots_title: self.plots_title,
             plots: self.plots.into_iter().map(|p| p.plot).collect(),
             tables: self.tables,
             notes: [self.explanations, self.notes].concat(),
-            ..Report::default()
         }
     }
 }
@@ -384,28 +455,10 @@ pub fn measures(of: &impl Serialize) -> Value {
     serde_json::to_value(of).unwrap_or_default()
 }
 
-/// The measures of a kind of scene under its name, with format and kind.
-pub fn own_object(kind: &str, measures: Value) -> Map<String, Value> {
-    let mut all = Map::new();
-    all.insert("format".to_owned(), json!(FORMAT));
-    all.insert("kind".to_owned(), json!(kind));
-    all.insert(kind.to_owned(), measures);
-    all
-}
-
 /// A value as JSON text, as in a file.
 pub fn json_text(value: &impl Serialize) -> String {
     let text = serde_json::to_string_pretty(value);
     format!("{}\n", text.unwrap_or_default())
-}
-
-/// Writes `summary.json`.
-///
-/// # Errors
-/// A file that cannot be written.
-pub fn write_summary(folder: &Folder, summary: &impl Serialize) -> Result<(), FolderError> {
-    let text = json_text(summary);
-    folder.write("summary.json", |w| w.write_all(text.as_bytes()))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::frames::stretch;
-use super::results::Shots;
+use super::shots::Shots;
 use super::turntable::{Side, Turntable};
 use pliant::mesh::measures::Aabb;
 use pliant::simulation::{BodyDescription, FrameState, SceneDescription};

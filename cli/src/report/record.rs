@@ -1,9 +1,9 @@
 //! Measures and times of a run, frame by frame, and their tables.
 
 use std::collections::BTreeMap;
-use std::io::{self, Write};
 use std::time::Duration;
 
+use super::output::DataFile;
 use pliant::simulation::{Measures, Simulation};
 use pliant::solvers::effect_of_name;
 use pliant::state::{DecodeError, Reader, Value, Writer};
@@ -146,47 +146,28 @@ impl Record {
         self.measures.iter().filter(move |m| m.muscle == name)
     }
 
-    /// Median time of a frame [ms], without the audit; 0 before the first frame.
-    pub fn median_ms(&self) -> f64 {
-        pliant::mesh::measures::median(self.times.iter().map(|t| t.step_ms).collect())
-            .unwrap_or(0.0)
-    }
-
-    /// Writes `measures.csv`.
-    ///
-    /// # Errors
-    /// Errors of the writer.
-    pub fn write_measures(&self, w: &mut impl Write) -> io::Result<()> {
-        writeln!(w, "{}", COLUMNS.join(","))?;
-        for m in &self.measures {
-            writeln!(w, "{}", row(m).join(","))?;
-        }
-        Ok(())
-    }
-
-    /// Writes `times.csv`.
-    ///
-    /// # Errors
-    /// Errors of the writer.
-    pub fn write_times(&self, w: &mut impl Write) -> io::Result<()> {
-        let effects: Vec<&str> = self.before.keys().copied().collect();
-        let columns = effects
-            .iter()
-            .map(|e| format!(",{e}_ms"))
-            .collect::<String>();
-        writeln!(w, "frame,step_ms,audit_ms{columns}")?;
-        for t in &self.times {
-            write!(w, "{},{:.4},{:.4}", t.frame, t.step_ms, t.audit_ms)?;
-            for effect in &effects {
-                write!(
-                    w,
-                    ",{:.4}",
-                    t.effects_ms.get(effect).copied().unwrap_or(0.0)
-                )?;
-            }
-            writeln!(w)?;
-        }
-        Ok(())
+    /// `measures.csv` and `times.csv`.
+    pub fn into_data(self) -> [DataFile<'static>; 2] {
+        let Self {
+            measures,
+            times,
+            before,
+        } = self;
+        let measures = measures.into_iter().map(|m| row(&m).to_vec());
+        let names = before.keys().map(|effect| format!("{effect}_s"));
+        let columns = ["frame", "step_s", "audit_s"].map(str::to_owned);
+        let columns: Vec<String> = columns.into_iter().chain(names).collect();
+        let times = times.into_iter().map(move |t| {
+            let of = |effect| t.effects_ms.get(effect).copied().unwrap_or(0.0);
+            let numbers = [t.step_ms, t.audit_ms].into_iter();
+            let numbers = numbers.chain(before.keys().map(of));
+            let numbers = numbers.map(|ms| format!("{:.7}", ms * 1e-3));
+            [t.frame.to_string()].into_iter().chain(numbers).collect()
+        });
+        [
+            DataFile::new("measures.csv", COLUMNS, measures),
+            DataFile::new("times.csv", columns, times),
+        ]
     }
 }
 
@@ -216,7 +197,7 @@ fn row(m: &Measures) -> [String; 16] {
     [
         m.frame.to_string(),
         number(m.time_s),
-        quoted(&m.muscle),
+        m.muscle.clone(),
         number(m.volume_error),
         number(m.volume_ratio),
         number(m.edge_stretch_rms),
@@ -231,15 +212,6 @@ fn row(m: &Measures) -> [String; 16] {
         number(m.distance_from_start_rms_m),
         m.converged.to_string(),
     ]
-}
-
-/// A text quoted for CSV.
-pub(crate) fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
 }
 
 #[cfg(test)]
@@ -269,6 +241,5 @@ mod tests {
                 None => assert_eq!(field.to_string().trim_matches('"'), value, "{name}"),
             }
         }
-        assert_eq!(quoted("a,\"b\""), "\"a,\"\"b\"\"\"");
     }
 }

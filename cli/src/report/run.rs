@@ -1,76 +1,29 @@
-//! Runs of scenes without muscles, and their files.
+//! Runs of scenes of any kind: their frames, their files, and the common parts of their results.
 
 use std::io::Write;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use serde_json::{Map, Value, json};
-
 use super::folder::{Folder, FolderError};
 use super::frames::{FrameWriter, Listing};
-use super::output::Verdict;
-use super::page::{of_effects, pictures, turntable};
+use super::output::{Picture, RunOutput, SceneRun, Times, Verdict, effects, verdict_table};
 use super::pictures::Painter;
-use super::results::{Shots, end_unless};
-use super::{LinePlot, Report, Table, lattice, skin};
+use super::shots::Shots;
+use super::{Table, lattice, skin};
+use pliant::format::number;
 use pliant::io::file_name;
 use pliant::mesh::measures::median;
 use pliant::progress::Progress;
-use pliant::simulation::{Ended, Observer, Scenario, ScenarioKind, SceneDescription, run};
+use pliant::scene::Content;
+use pliant::simulation::{
+    Ended, FrameState, Observer, Plan, Scenario, ScenarioKind, SceneDescription, run,
+};
 use pliant_render::{PictureError, to_gif};
-
-/// Results of a run.
-#[derive(Clone, Debug, Default)]
-pub struct Account {
-    /// Entries of `summary.json` besides the common ones.
-    pub summary: Map<String, Value>,
-    /// Results of the checks.
-    pub verdicts: Vec<Verdict>,
-    /// Tables of the page.
-    pub tables: Vec<Table>,
-    /// Plots of the page.
-    pub plots: Vec<LinePlot>,
-    /// Content of `measures.csv`.
-    pub measures: String,
-    /// Notes for the user.
-    pub notes: Vec<String>,
-}
-
-/// The report data of a scenario after its last frame. Empty for muscles, which have their own
-/// report.
-pub fn account(scenario: &dyn Scenario) -> Account {
-    match scenario.kind() {
-        ScenarioKind::Skin(run) => skin::account(run),
-        ScenarioKind::Lattice(run) => lattice::account(run),
-        ScenarioKind::Muscles(_) | ScenarioKind::Other => Account::default(),
-    }
-}
-
-/// Pictures besides those of the first, the worst and the last frame.
-fn own_pictures(scenario: &dyn Scenario) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
-    match scenario.kind() {
-        ScenarioKind::Skin(run) => skin::pictures(run),
-        ScenarioKind::Muscles(_) | ScenarioKind::Lattice(_) | ScenarioKind::Other => Ok(Vec::new()),
-    }
-}
-
-/// End of a run.
-#[derive(Clone, Debug)]
-pub struct Performed {
-    /// `summary.json`.
-    pub summary: Value,
-    /// True if the run was interrupted.
-    pub interrupted: bool,
-    /// True if every frame that must be at rest is at rest, and none failed.
-    pub converged: bool,
-    /// The results.
-    pub account: Account,
-}
 
 /// Options of a run besides the scene.
 #[derive(Clone, Debug)]
-pub struct Wanted {
+pub struct RunOptions {
     /// True for an animation.
     pub animate: bool,
     /// Start of the run including all reading.
@@ -79,187 +32,368 @@ pub struct Wanted {
     pub settings: Vec<(String, String)>,
 }
 
-/// Runs until the last frame, Ctrl-C, or a failing frame, and writes all files, `summary.json`
-/// last.
-///
-/// # Errors
-/// A file cannot be written.
-pub fn perform(
-    scenario: &mut dyn Scenario,
-    folder: Folder,
-    wanted: &Wanted,
-    progress: &dyn Progress,
-) -> Result<Performed, FolderError> {
-    let (folder, scene) = (Arc::new(folder), Arc::new(scenario.description()));
-    let mut frames = Frames {
-        writer: FrameWriter::start(folder.clone(), scene.clone(), Listing::new(&scene)),
-        shots: Shots::new(wanted.animate),
-        times: Vec::new(),
+/// The names of the main files of a run, to be checked before it.
+pub fn files(scene: &Content) -> Vec<String> {
+    let common = ["report.html", "summary.json", "measures.csv"].map(str::to_owned);
+    let own = match scene {
+        Content::Skin(scene) => skin::files(scene),
+        _ => Vec::new(),
     };
-    let prepared = wanted.begun.elapsed();
-    let ended = run(scenario, &mut [&mut frames], progress);
-    let Frames {
-        writer,
-        shots,
-        times,
-    } = frames;
-    let collection = writer.finish()?;
-    let name = file_name(scenario.name());
-    let path = folder.claim(&format!("{name}.pvd"))?;
-    collection
-        .write(&path)
-        .map_err(|source| FolderError::Io { path, source })?;
-    let account = account(scenario);
-    let text = |file: &str, text: &str| folder.write(file, |w| w.write_all(text.as_bytes()));
-    text("measures.csv", &account.measures)?;
-    let encoded = |name: &str, error: PictureError| FolderError::Io {
-        path: folder.path().join(name),
-        source: std::io::Error::other(error),
-    };
-    if let Some(painter) = Painter::new(&scene, &shots).filter(|_| wanted.animate) {
-        let name = format!("{name}.gif");
-        let (pictures, seconds) = painter.animation(&shots);
-        let gif = to_gif(&pictures, seconds).map_err(|e| encoded(&name, e))?;
-        folder.write(&name, |w| w.write_all(&gif))?;
-    }
-    let time = json!({
-        "total_s": wanted.begun.elapsed().as_secs_f64(),
-        "prepare_s": prepared.as_secs_f64(),
-        "frame_ms_median": median(times).unwrap_or(0.0) * 1e3,
-    });
-    let told = Told {
-        shots,
-        interrupted: ended == Ended::Interrupted,
-        // An incomplete run has not come to rest at its end.
-        converged: scenario.converged() && ended == Ended::Finished,
-        failed: match ended {
-            Ended::Failed(why) => Some(why),
-            Ended::Finished | Ended::Interrupted | Ended::ByObserver => None,
-        },
-    };
-    let summary = summary(scenario, &account, &told, time);
-    let page = told
-        .page(scenario, &scene, &account, wanted)
-        .map_err(|e| encoded("report.html", e))?;
-    text("report.html", &page.to_html())?;
-    text(
-        "summary.json",
-        &serde_json::to_string_pretty(&summary).unwrap_or_default(),
-    )?;
-    folder.close()?;
-    Ok(Performed {
-        summary,
-        interrupted: told.interrupted,
-        converged: told.converged,
-        account,
-    })
+    common.into_iter().chain(own).collect()
 }
 
-/// Writes each frame, and keeps the frames for the pictures.
-struct Frames {
+/// The frames of a run: writes each, and keeps those of the pictures.
+pub struct Frames {
+    folder: Arc<Folder>,
+    /// The bodies and bones.
+    pub(super) scene: Arc<SceneDescription>,
     writer: FrameWriter,
     shots: Shots,
-    /// Wall time of each frame [s].
-    times: Vec<f64>,
+    begun: Instant,
+    prepared: Duration,
+    /// Time before a resume, and the part for the preparation.
+    earlier: (Duration, Duration),
 }
 
 impl Frames {
-    /// Passes the last frame to the writer. Ends the run after an error of the writer.
-    fn take(&mut self, scenario: &dyn Scenario) -> ControlFlow<()> {
-        let state = Arc::new(scenario.state());
-        self.shots.add_stretched(&state, scenario.severity());
-        end_unless(self.writer.push(state))
+    /// Starts to write frames after those of `listing` and `shots`. `begun` is the start of the run
+    /// including all reading; `earlier` is the time before a resume, and the part for the
+    /// preparation.
+    pub(super) fn start(
+        folder: Folder,
+        scene: SceneDescription,
+        listing: Listing,
+        shots: Shots,
+        begun: Instant,
+        earlier: (Duration, Duration),
+    ) -> Self {
+        let (folder, scene) = (Arc::new(folder), Arc::new(scene));
+        Self {
+            writer: FrameWriter::start(folder.clone(), scene.clone(), listing),
+            folder,
+            scene,
+            shots,
+            begun,
+            prepared: begun.elapsed(),
+            earlier,
+        }
+    }
+
+    /// The frames of a run from its start.
+    fn of(scenario: &dyn Scenario, folder: Folder, options: &RunOptions) -> Self {
+        let scene = scenario.description();
+        let (listing, shots) = (Listing::new(&scene), Shots::new(options.animate));
+        Self::start(
+            folder,
+            scene,
+            listing,
+            shots,
+            options.begun,
+            Default::default(),
+        )
+    }
+
+    /// Passes a frame to the writer. Returns false after an error of the writer, which
+    /// [`Self::finish`] returns.
+    pub(super) fn add(&mut self, state: FrameState, severity: f64) -> bool {
+        let state = Arc::new(state);
+        self.shots.add(&state, severity);
+        self.writer.push(state)
+    }
+
+    /// Passes a checkpoint to the writer; otherwise as [`Self::add`].
+    pub(super) fn add_checkpoint(&self, bytes: Vec<u8>) -> bool {
+        self.writer.push_checkpoint(bytes)
+    }
+
+    /// Writes a text into the folder.
+    ///
+    /// # Errors
+    /// An error of writing.
+    pub(super) fn write(&self, file: &str, text: &str) -> Result<(), FolderError> {
+        self.folder.write(file, |w| w.write_all(text.as_bytes()))
+    }
+
+    /// Time so far, including reading, and the part for the preparation [s].
+    pub(super) fn spent(&self) -> (f64, f64) {
+        let (total, prepared) = self.earlier;
+        (
+            (total + self.begun.elapsed()).as_secs_f64(),
+            (prepared + self.prepared).as_secs_f64(),
+        )
+    }
+
+    /// Waits for the last frame, and writes the list of frames and the animation. Adds to the result
+    /// `own` of a kind of scene the parts that all kinds have in common.
+    ///
+    /// # Errors
+    /// An error of writing, or a picture that cannot be encoded.
+    pub(super) fn finish<'a>(
+        self,
+        scenario: &dyn Scenario,
+        mut own: RunOutput<'a>,
+        ended: &Ended,
+        settings: &[(String, String)],
+    ) -> Result<Finished<'a>, FolderError> {
+        let finishing = Instant::now();
+        let (_, prepare_s) = self.spent();
+        let earlier = self.earlier.0;
+        let Self {
+            folder,
+            scene,
+            writer,
+            shots,
+            begun,
+            ..
+        } = self;
+        let series = format!("{}.pvd", file_name(scenario.name()));
+        let path = folder.claim(&series)?;
+        writer
+            .finish()?
+            .write(&path)
+            .map_err(|source| FolderError::Io { path, source })?;
+        let animation = write_animation(scenario, &folder, &scene, &shots)?;
+        let (finish_s, own_run) = (finishing.elapsed().as_secs_f64(), own.scene.take());
+        let scene_run = scene_run(scenario, own_run, ended, (prepare_s, finish_s));
+        let mut output = RunOutput {
+            name: scenario.name().to_owned(),
+            interrupted: *ended == Ended::Interrupted,
+            time_s: (earlier + begun.elapsed()).as_secs_f64(),
+            title: scenario.name().to_owned(),
+            turntable: Painter::new(&scene, &shots)
+                .map_or(Ok(None), |painter| painter.turntable(&shots))?,
+            ..own
+        };
+        output.verdicts.extend(
+            failure(ended).map(|why| Verdict::new("every frame can be computed", false).at(why)),
+        );
+        output.subtitle = subtitle(&output, &scene_run);
+        let checks = verdict_table(&output.verdicts).to_text();
+        output.text = format!(
+            "{}: {}\n\n{checks}{}",
+            output.name, output.subtitle, output.text
+        );
+        let severity = scenario.severity_name();
+        output.pictures.extend(pictures(&scene, &shots, severity)?);
+        output.tables.extend(
+            tables_of(scenario, settings)
+                .into_iter()
+                .filter(|t| !t.rows.is_empty()),
+        );
+        let beside = |name: &String| format!("animation: {name}, beside this page");
+        output.explanations.extend(animation.iter().map(beside));
+        output.written.extend([series].into_iter().chain(animation));
+        output.scene = Some(scene_run);
+        Ok(Finished { folder, output })
     }
 }
 
-impl Observer<dyn Scenario + '_> for Frames {
+/// Adds to the frames and times of a kind of scene those that all kinds have in common. `times` are
+/// the preparation and the end [s].
+fn scene_run(
+    scenario: &dyn Scenario,
+    own: Option<SceneRun>,
+    ended: &Ended,
+    (prepare_s, finish_s): (f64, f64),
+) -> SceneRun {
+    let own = own.unwrap_or_default();
+    SceneRun {
+        frames: scenario.frame(),
+        frames_in_scene: scenario.frames(),
+        stopped: own.stopped.or_else(|| failure(ended)),
+        times: Times {
+            prepare_s,
+            finish_s,
+            ..own.times
+        },
+        effects: effects(scenario.plan()),
+        ..own
+    }
+}
+
+/// The reason why a frame could not be computed.
+fn failure(ended: &Ended) -> Option<String> {
+    match ended {
+        Ended::Failed(why) => Some(why.clone()),
+        Ended::Finished | Ended::Interrupted | Ended::ByObserver => None,
+    }
+}
+
+/// Frames and times in one line.
+fn subtitle(output: &RunOutput<'_>, scene: &SceneRun) -> String {
+    format!(
+        "{} of {} frames in {:.1} s, {} ms a frame (median){}",
+        scene.frames,
+        scene.frames_in_scene,
+        output.time_s,
+        number(scene.times.frame_median_s * 1e3),
+        if output.interrupted {
+            "; interrupted"
+        } else {
+            ""
+        }
+    )
+}
+
+/// A run whose frames are written, with the result that remains to be written.
+pub struct Finished<'a> {
+    /// The folder of the results.
+    pub folder: Arc<Folder>,
+    /// The result.
+    pub output: RunOutput<'a>,
+}
+
+/// Runs a scene other than muscles until its last frame, Ctrl-C, or a failing frame.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn perform<'a>(
+    scenario: &'a mut dyn Scenario,
+    folder: Folder,
+    options: &RunOptions,
+    progress: &dyn Progress,
+) -> Result<Finished<'a>, FolderError> {
+    let mut steps = Steps {
+        frames: Frames::of(scenario, folder, options),
+        times_s: Vec::new(),
+    };
+    let ended = run(scenario, &mut [&mut steps], progress);
+    let Steps { frames, times_s } = steps;
+    let scenario: &'a dyn Scenario = scenario;
+    let mut own = match scenario.kind() {
+        ScenarioKind::Skin(run) => skin::output(run)?,
+        ScenarioKind::Lattice(run) => lattice::output(run),
+        ScenarioKind::Muscles(_) | ScenarioKind::Other => RunOutput::default(),
+    };
+    own.scene = Some(SceneRun {
+        // An incomplete run has not come to rest at its end.
+        converged: scenario.converged() && ended == Ended::Finished,
+        times: Times {
+            frames_s: times_s.iter().sum(),
+            frame_median_s: median(times_s).unwrap_or(0.0),
+            ..Times::default()
+        },
+        ..SceneRun::default()
+    });
+    frames.finish(scenario, own, &ended, &options.settings)
+}
+
+/// Writes each frame, and measures its time.
+struct Steps {
+    frames: Frames,
+    /// Wall time of each frame [s].
+    times_s: Vec<f64>,
+}
+
+impl Observer<dyn Scenario + '_> for Steps {
     fn start(&mut self, scenario: &(dyn Scenario + '_)) -> ControlFlow<()> {
-        self.take(scenario)
+        end_unless(self.frames.add(scenario.state(), scenario.severity()))
     }
 
     fn frame(&mut self, scenario: &(dyn Scenario + '_), took: Duration) -> ControlFlow<()> {
-        self.times.push(took.as_secs_f64());
-        self.take(scenario)
+        self.times_s.push(took.as_secs_f64());
+        end_unless(self.frames.add(scenario.state(), scenario.severity()))
     }
 }
 
-/// The data of the summary after the last frame.
-struct Told {
-    shots: Shots,
-    interrupted: bool,
-    converged: bool,
-    failed: Option<String>,
-}
-
-impl Told {
-    fn page(
-        &self,
-        scenario: &dyn Scenario,
-        scene: &SceneDescription,
-        account: &Account,
-        wanted: &Wanted,
-    ) -> Result<Report, PictureError> {
-        let mut shown = own_pictures(scenario)?;
-        shown.extend(pictures(scene, &self.shots, scenario.severity_name())?);
-        let mut set = Table::new("Settings", ["what", "value"]);
-        wanted
-            .settings
-            .iter()
-            .for_each(|(what, value)| set.row([what.clone(), value.clone()]));
-        let mut tables = account.tables.clone();
-        tables.extend(of_effects(
-            "part",
-            &scenario.plan().run,
-            &scenario.plan().left_out,
-        ));
-        tables.push(set);
-        let seconds = wanted.begun.elapsed().as_secs_f64();
-        Ok(Report {
-            title: scenario.name().to_owned(),
-            subtitle: format!(
-                "{} of {} frames in {seconds:.1} s",
-                scenario.frame(),
-                scenario.frames()
-            ),
-            verdict: account
-                .verdicts
-                .iter()
-                .cloned()
-                .chain(failed(self.failed.as_deref()))
-                .collect(),
-            pictures: shown,
-            turntable: turntable(scene, &self.shots)?,
-            plots: account.plots.clone(),
-            tables: tables.into_iter().filter(|t| !t.rows.is_empty()).collect(),
-            notes: account.notes.clone(),
-            ..Report::default()
-        })
+/// Ends a run unless `goes_on` is true.
+pub(super) fn end_unless(goes_on: bool) -> ControlFlow<()> {
+    if goes_on {
+        return ControlFlow::Continue(());
     }
+    ControlFlow::Break(())
 }
 
-/// The verdict of a frame that failed.
-fn failed(why: Option<&str>) -> Option<Verdict> {
-    why.map(|why| Verdict::new("every frame can be computed", false).at(why))
+/// Writes the animation if requested. Returns its name.
+fn write_animation(
+    scenario: &dyn Scenario,
+    folder: &Folder,
+    scene: &SceneDescription,
+    shots: &Shots,
+) -> Result<Option<String>, FolderError> {
+    let painter = Painter::new(scene, shots).filter(|_| !shots.animation.shots.is_empty());
+    let Some(painter) = painter else {
+        return Ok(None);
+    };
+    let name = format!("{}.gif", file_name(scenario.name()));
+    let (pictures, seconds) = painter.animation(shots);
+    let gif = to_gif(&pictures, seconds)?;
+    folder.write(&name, |w| w.write_all(&gif))?;
+    Ok(Some(name))
 }
 
-fn summary(scenario: &dyn Scenario, account: &Account, told: &Told, time: Value) -> Value {
-    let mut all = json!({
-        "scene": scenario.name(),
-        "frames": scenario.frame(),
-        "frames_wanted": scenario.frames(),
-        "interrupted": told.interrupted,
-        "converged": told.converged,
-        "stopped": told.failed,
-    });
-    let last = json!({
-        "time": time,
-        "effects": { "run": scenario.plan().run, "left_out": scenario.plan().left_out },
-        "verdicts": account.verdicts.iter().cloned().chain(failed(told.failed.as_deref())).collect::<Vec<_>>(),
-        "notes": account.notes,
-    });
-    if let (Some(all), Value::Object(last)) = (all.as_object_mut(), last) {
-        all.extend(account.summary.clone());
-        all.extend(last);
+/// Pictures of the first, the worst and the last frame.
+fn pictures(
+    scene: &SceneDescription,
+    shots: &Shots,
+    severity: &str,
+) -> Result<Vec<Picture>, PictureError> {
+    let Some(painter) = Painter::new(scene, shots) else {
+        return Ok(Vec::new());
+    };
+    let fibres = if scene.bodies.iter().any(|m| !m.fibres.is_empty()) {
+        "; pale lines: fibres"
+    } else {
+        ""
+    };
+    let worst = shots.worst.as_ref().map(|(_, shot)| shot);
+    let mut pictures = Vec::new();
+    for (file, caption, shot) in [
+        ("first.png", "First frame".to_owned(), shots.first.as_ref()),
+        ("worst.png", format!("Worst frame ({severity})"), worst),
+        ("last.png", "Last frame".to_owned(), shots.last.as_ref()),
+    ] {
+        if let Some(shot) = shot {
+            pictures.push(Picture {
+                file: file.to_owned(),
+                caption: format!("{caption}, {}{fibres}", shot.frame),
+                bytes: painter.picture(shot).to_png()?,
+                wide: false,
+            });
+        }
     }
-    all
+    Ok(pictures)
+}
+
+/// Tables that runs of all kinds have in common.
+fn tables_of(scenario: &dyn Scenario, settings: &[(String, String)]) -> Vec<Table> {
+    let of = match scenario.kind() {
+        ScenarioKind::Muscles(_) => "muscle",
+        _ => "part",
+    };
+    let mut set = Table::new("Settings", ["what", "value"]);
+    settings
+        .iter()
+        .for_each(|(what, value)| set.row([what.clone(), value.clone()]));
+    let [ran, left_out] = effect_tables(of, scenario.plan());
+    vec![ran, left_out, set]
+}
+
+/// The tables of effects that run and do not run; `of` is the header of the first column.
+pub fn effect_tables(of: &str, plan: &Plan) -> [Table; 2] {
+    // An effect without a part is one of all parts.
+    let all = |part: &str| match part {
+        "" => "(all)".to_owned(),
+        part => part.to_owned(),
+    };
+    let heads = [of, "effect", "elements", "bytes", "estimated ms a frame"];
+    let mut ran = Table::new("Effects", heads);
+    for p in &plan.run {
+        let ms = format!("{:.2}", p.ms_per_frame);
+        ran.row([
+            all(&p.muscle),
+            p.effect.clone(),
+            p.elements.to_string(),
+            p.bytes.to_string(),
+            ms,
+        ]);
+    }
+    let mut left_out = Table::new(
+        "Effects left out: no memory, no time",
+        [of, "effect", "why"],
+    );
+    for l in &plan.left_out {
+        left_out.row([all(&l.muscle), l.effect.clone(), l.why.clone()]);
+    }
+    [ran, left_out]
 }

@@ -1,16 +1,14 @@
 //! Measures and report of a skin simulation, per frame.
 
 use nalgebra::Isometry3;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
-use super::implant::{Insertion, joined, json_of};
-use super::output::{Verdict, own_object};
-use super::record::quoted;
-use super::run::Account;
+use super::implant::{Insertion, Point, joined, json_of};
+use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::{LinePlot, Table};
 use pliant::mesh::measures::max_or_nan;
-use pliant::mesh::shapes;
-use pliant::scene::Support;
+use pliant::mesh::{TriangleMesh, shapes};
+use pliant::scene::{FillCourse, ImplantFill, SkinScene, Support};
 use pliant::simulation::{SkinMeasures, SkinPart, SkinRun};
 use pliant::skin::{
     Areas, CAVEATS, GROWN_SOURCE, ImplantSpec, Inserted, RETRACTED_SOURCE, deepest,
@@ -20,37 +18,74 @@ use pliant_render::PictureError;
 /// Greatest relative volume error of an implant.
 const VOLUME_HELD: f64 = 1e-6;
 
-fn insertion(run: &SkinRun) -> Insertion<'_> {
+/// The parts of a run that have an equilibrium, over these surfaces.
+fn insertion<'a>(run: &'a SkinRun, obstacles: &'a [TriangleMesh]) -> Insertion<'a> {
+    let (mut implants, mut numbers) = (Vec::new(), Vec::new());
+    for part in &run.parts {
+        if let Some(now) = &part.now {
+            implants.push((part.ready.clone(), now.clone()));
+            // A ball counts as the first implant.
+            numbers.push(if part.members.is_empty() {
+                vec![0]
+            } else {
+                part.members.clone()
+            });
+        }
+    }
     Insertion {
-        name: run.scene.skin.name.clone(),
         skin: &run.skin,
-        implants: run
-            .parts
-            .iter()
-            .filter_map(|p| Some((p.ready.clone(), p.now.clone()?)))
-            .collect(),
-        // A ball counts as the first implant.
-        numbers: run
-            .parts
-            .iter()
-            .map(|p| {
-                if p.members.is_empty() {
-                    vec![0]
-                } else {
-                    p.members.clone()
-                }
-            })
-            .collect(),
-        obstacles: &run.obstacles,
-        curve: Vec::new(),
+        implants,
+        numbers,
+        obstacles,
+        curve: curve(run),
         limit: run.scene.skin.stretch_limit,
-        wanted: None,
-        interrupted: false,
-        time: run.parts.iter().map(SkinPart::time_s).sum(),
         under: match run.scene.under {
             Support::Implants(_) => "implant",
             Support::Ball(_) => "ball",
         },
+    }
+}
+
+/// The frames or days of each list of fillings, part by part.
+fn curve(run: &SkinRun) -> Vec<Point> {
+    let Support::Implants(all) = &run.scene.under else {
+        return Vec::new();
+    };
+    let mut points = Vec::new();
+    for part in &run.parts {
+        let lists: Vec<&ImplantFill> = part
+            .members
+            .iter()
+            .map(|k| &all[*k])
+            .filter(|filled| is_listed(filled))
+            .collect();
+        let is_of_list = |frame: usize| {
+            let mut fills = lists.iter().map(|filled| &filled.fill);
+            fills.any(|fill| fill.iter().any(|(at, _)| *at == frame))
+        };
+        let first = part.members.first().map_or(1, |k| k + 1);
+        let frames = part.frames.iter().filter(|f| is_of_list(f.frame));
+        points.extend(frames.map(|f| Point {
+            implant: first,
+            day: run.scene.days.get(f.frame - 1).copied(),
+            volume: f.volume(),
+            areas: f.areas,
+            progress: f.progress,
+        }));
+    }
+    points
+}
+
+/// True for an implant with a list of fillings.
+fn is_listed(filled: &ImplantFill) -> bool {
+    matches!(filled.course, FillCourse::Frames | FillCourse::Days)
+}
+
+/// The files of surfaces, pictures and curves of a scene, without those that all runs have.
+pub(super) fn files(scene: &SkinScene) -> Vec<String> {
+    match &scene.under {
+        Support::Implants(all) => Insertion::files(all.len(), all.iter().any(is_listed)),
+        Support::Ball(_) => Vec::new(),
     }
 }
 
@@ -76,19 +111,25 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
     all
 }
 
-/// Greatest relative departure of the implants' volumes from their fillings; `None` for a ball.
+/// Greatest relative departure of the implants' volumes from their fillings; `None` for a ball and
+/// for a target area.
 fn volume_error(run: &SkinRun, part: &SkinPart) -> Option<f64> {
     let Support::Implants(all) = &run.scene.under else {
         return None;
     };
+    let is_target = |k: &usize| matches!(all[*k].course, FillCourse::Target(_));
+    if part.members.iter().any(is_target) {
+        return None;
+    }
     let of_frame = |f: &SkinMeasures| {
-        let each = part.members.iter().zip(&f.shells);
-        max_or_nan(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
+        let wanted = run.volumes_at(part, f.frame);
+        let each = wanted.iter().zip(&f.shells);
+        max_or_nan(each.map(|(wanted, (volume, _))| (volume / wanted - 1.0).abs()))
     };
     Some(max_or_nan(part.frames.iter().map(of_frame)))
 }
 
-fn own_summary(run: &SkinRun) -> Map<String, Value> {
+fn measures(run: &SkinRun, insertion: &Insertion<'_>) -> Value {
     let implants: Vec<Value> = match &run.scene.under {
         Support::Implants(all) => {
             let mut each: Vec<(usize, Value)> = run.parts.iter().flat_map(json_of_part).collect();
@@ -99,26 +140,38 @@ fn own_summary(run: &SkinRun) -> Map<String, Value> {
         }
         Support::Ball(_) => Vec::new(),
     };
-    let mut all = joined(
-        json_of(&run.areas_at(run.frame())),
-        json!({
-            "name": run.scene.skin.name,
-            "stretch_limit": run.scene.skin.stretch_limit,
-            "sources": {"retracted": RETRACTED_SOURCE, "grown": GROWN_SOURCE},
-            "implants": implants,
-        }),
-    );
+    let own = json!({
+        "name": run.scene.skin.name,
+        "stretch_limit": run.scene.skin.stretch_limit,
+        "sources": {"retracted": RETRACTED_SOURCE, "grown": GROWN_SOURCE},
+        "implants": implants,
+        "target_area_m2": target_area(run),
+        "steps": run.parts.iter().map(SkinPart::steps).sum::<u32>(),
+    });
+    let areas = joined(json_of(&run.areas_at(run.frame())), insertion.to_json());
+    let mut all = joined(areas, own);
     if let (Support::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
         let at = run.ball_at(ball, part, run.frame());
         let ball = json!({"radius_m": ball.radius, "centre_m": at.centre.coords.as_slice()});
         let part = json_of_part(part).swap_remove(0).1;
         all = joined(all, json!({"ball": joined(part, ball)}));
     }
-    own_object("skin", all)
+    all
 }
 
-fn csv(run: &SkinRun) -> String {
-    let heads = [
+/// The target area of the scene [m^2].
+fn target_area(run: &SkinRun) -> Option<f64> {
+    let Support::Implants(all) = &run.scene.under else {
+        return None;
+    };
+    all.iter().find_map(|filled| match filled.course {
+        FillCourse::Target(area) => Some(area),
+        _ => None,
+    })
+}
+
+fn data(run: &SkinRun) -> DataFile<'_> {
+    let columns = [
         "frame",
         "part",
         "implant_volume_m3",
@@ -134,46 +187,43 @@ fn csv(run: &SkinRun) -> String {
         "penetration_m",
         "steps",
         "converged",
-        "time_s",
+        "wall_s",
     ];
-    let mut text = heads.join(",") + "\n";
-    for frame in 0..=run.frame() {
-        for part in &run.parts {
-            let (a, row) = (
-                part.areas_at(frame),
-                part.frames.iter().find(|f| f.frame == frame),
-            );
-            let progress = row.map(|f| f.progress).unwrap_or_default();
-            let areas = [
-                a.before,
-                a.deformed,
-                a.retracted.low,
-                a.retracted.high,
-                a.grown.low,
-                a.grown.high,
-            ];
-            let rest = [
-                a.volume_difference,
-                a.stretch_max,
-                progress.pressure,
-                progress.depth,
-            ];
-            let mut cells = vec![
-                frame.to_string(),
-                quoted(&part.name),
-                row.map_or(0.0, SkinMeasures::volume).to_string(),
-            ];
-            cells.extend(areas.iter().chain(&rest).map(f64::to_string));
-            cells.push(progress.iterations.to_string());
-            cells.push(row.is_none_or(|f| f.progress.converged).to_string());
-            cells.push(row.map_or(0.0, |f| f.time_s).to_string());
-            text.push_str(&(cells.join(",") + "\n"));
-        }
-    }
-    text
+    let parts = move |frame| run.parts.iter().map(move |part| cells(part, frame));
+    DataFile::new("measures.csv", columns, (0..=run.frame()).flat_map(parts))
 }
 
-fn plots(run: &SkinRun) -> Vec<LinePlot> {
+/// The row of a part in a frame.
+fn cells(part: &SkinPart, frame: usize) -> Vec<String> {
+    let (a, row) = (part.areas_at(frame), part.measures_at(frame));
+    // An equilibrium that is kept costs nothing.
+    let own = row.filter(|f| f.frame == frame);
+    let progress = row.map(|f| f.progress).unwrap_or_default();
+    let numbers = [
+        row.map_or(0.0, SkinMeasures::volume),
+        a.before,
+        a.deformed,
+        a.retracted.low,
+        a.retracted.high,
+        a.grown.low,
+        a.grown.high,
+        a.volume_difference,
+        a.stretch_max,
+        progress.pressure,
+        progress.depth,
+    ];
+    let mut cells = vec![frame.to_string(), part.name.clone()];
+    cells.extend(numbers.iter().map(f64::to_string));
+    cells.extend([
+        own.map_or(0, |f| f.progress.iterations).to_string(),
+        row.is_none_or(|f| f.progress.converged).to_string(),
+        own.map_or(0.0, |f| f.time_s).to_string(),
+    ]);
+    cells
+}
+
+/// The plots; `curve` replaces that of the areas over the frames.
+fn plots(run: &SkinRun, curve: Option<Plot>) -> Vec<Plot> {
     let frames = 0..=run.frame();
     let line = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
         frames
@@ -191,12 +241,11 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
             .with("grown, least", cm2(|a| a.grown.low))
             .with("grown, most", cm2(|a| a.grown.high));
     }
-    vec![
-        gained,
-        LinePlot::new("Greatest stretch", "frame")
-            .with("", line(&|a| a.stretch_max))
-            .with_limit("limit", run.scene.skin.stretch_limit),
-    ]
+    let stretch = LinePlot::new("Greatest stretch", "frame")
+        .with("", line(&|a| a.stretch_max))
+        .with_limit("limit", run.scene.skin.stretch_limit);
+    let on_page = |plot| Plot { file: None, plot };
+    vec![curve.unwrap_or_else(|| on_page(gained)), on_page(stretch)]
 }
 
 /// The entries of a part's implants, one for a ball, each with its index among all implants.
@@ -262,6 +311,7 @@ fn json_of_region(part: &SkinPart) -> Value {
         "rest_by": progress.rest_by(),
         "area_gain_uncertainty_m2": part.now.as_ref().and_then(Inserted::gain_uncertainty),
         "penetration_m": progress.depth,
+        "rounds": progress.rounds,
         "region": {
             "vertices": 2 * ready.layers.count(),
             "triangles": 2 * ready.layers.triangles.len(),
@@ -274,42 +324,42 @@ fn json_of_region(part: &SkinPart) -> Value {
     joined(own, json_of(&areas))
 }
 
-/// The report data of skin after its last frame.
-pub fn account(run: &SkinRun) -> Account {
-    let implants = matches!(run.scene.under, Support::Implants(_));
-    let insertion = insertion(run);
-    let tables = if implants && run.frame() > 0 {
-        vec![insertion.table(), insertion.run_table()]
-    } else {
-        vec![ball_table(run)]
-    };
-    Account {
-        summary: own_summary(run),
-        verdicts: verdicts(run),
-        tables,
-        plots: plots(run),
-        measures: csv(run),
-        notes: run
-            .notes
-            .iter()
-            .cloned()
-            .chain(
-                implants
-                    .then_some(CAVEATS)
-                    .into_iter()
-                    .flatten()
-                    .map(str::to_owned),
-            )
-            .collect(),
-    }
-}
-
-/// Pictures of the insertion.
+/// The result of a run, without the parts that all scenes have in common.
 ///
 /// # Errors
 /// A picture that cannot be encoded.
-pub fn pictures(run: &SkinRun) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
-    // A ball supports the skin like an obstacle.
+pub(super) fn output(run: &SkinRun) -> Result<RunOutput<'_>, PictureError> {
+    let below = below(run);
+    let insertion = insertion(run, &below);
+    let shown = insertion.shown();
+    let implants = matches!(run.scene.under, Support::Implants(_));
+    let tables = if implants && !insertion.implants.is_empty() {
+        insertion.tables()
+    } else {
+        vec![ball_table(run)]
+    };
+    let mut data = vec![data(run)];
+    data.extend((!insertion.curve.is_empty()).then(|| insertion.csv()));
+    let caveats = implants.then_some(CAVEATS).into_iter().flatten();
+    Ok(RunOutput {
+        kind: "skin",
+        measures: measures(run, &insertion),
+        verdicts: verdicts(run),
+        findings: insertion.findings(),
+        tables_of_text: tables.len(),
+        tables,
+        plots: plots(run, insertion.curve_plot()),
+        pictures: insertion.pictures(&shown)?,
+        files: insertion.surfaces(shown, implants),
+        data,
+        notes: run.notes.clone(),
+        explanations: caveats.map(str::to_owned).collect(),
+        ..RunOutput::default()
+    })
+}
+
+/// The surfaces below the skin. A ball supports the skin like an obstacle.
+fn below(run: &SkinRun) -> Vec<TriangleMesh> {
     let mut below = run.obstacles.clone();
     if let (Support::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
         let at = run.ball_at(ball, part, run.frame());
@@ -320,15 +370,7 @@ pub fn pictures(run: &SkinRun) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
             .for_each(|p| *p += at.centre.coords);
         below.push(round);
     }
-    let insertion = Insertion {
-        obstacles: &below,
-        ..insertion(run)
-    };
-    let pictures = insertion.pictures(&insertion.shown())?;
-    Ok(pictures
-        .into_iter()
-        .map(|picture| (picture.caption, picture.bytes))
-        .collect())
+    below
 }
 
 /// Areas of the skin over a ball, as a table.
@@ -365,4 +407,46 @@ fn ball_table(run: &SkinRun) -> Table {
         table.row(["steps".to_owned(), part.steps().to_string()]);
     }
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::progress::Silent;
+    use pliant::scene::Content;
+    use pliant::scene::builtin::load_content;
+    use pliant::simulation::Stepped;
+
+    #[test]
+    fn a_filling_that_is_not_at_rest_fails_and_far_stretched_skin_does_not() {
+        let list = "[{ frame = 1, volume = \"40 cc\" }, { frame = 2, volume = \"60 cc\" }]";
+        let changes = [
+            "sheet.cells=24".to_owned(),
+            "skin.edge_length=8.4 mm".to_owned(),
+            "skin.stretch_limit=1.01".to_owned(),
+            "implant.volume=off".to_owned(),
+            format!("implant.fill={list}"),
+        ];
+        let Ok(Content::Skin(scene)) = load_content("flat-implant", &changes) else {
+            panic!("no skin")
+        };
+        let mut run = SkinRun::new(*scene).expect("a scene that runs");
+        for _ in 0..2 {
+            assert_eq!(run.step(&Silent), Stepped::Done);
+        }
+        let of = |run: &SkinRun| {
+            let output = output(run).expect("pictures");
+            (output.passed(), output.findings.concat(), output.measures)
+        };
+        let (passed, found, measures) = of(&run);
+        assert!(passed && found.contains("stretched beyond 1.01"), "{found}");
+        assert!(measures["area_over_limit_m2"].as_f64() > Some(1e-4));
+        assert_eq!(measures["curve"].as_array().map(Vec::len), Some(2));
+        run.parts[0].frames[0].progress.converged = false;
+        run.scene.skin.stretch_limit = 9.0;
+        let (passed, found, measures) = of(&run);
+        assert!(!passed && found.contains("nothing is stretched"), "{found}");
+        assert_eq!(measures["area_over_limit_m2"].as_f64(), Some(0.0));
+        assert_eq!(measures["curve"][0]["converged"], false);
+    }
 }

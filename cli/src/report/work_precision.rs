@@ -82,7 +82,7 @@ pub fn to_json(study: &Study) -> Value {
     json!({
         "scene": study.scene,
         "frames": study.frames,
-        "frames_of_scene": study.frames_of_scene,
+        "frames_in_scene": study.frames_of_scene,
         "vertices": study.vertices,
         "length_m": study.length,
         "reference": reference(&study.reference),

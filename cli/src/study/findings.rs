@@ -1,6 +1,6 @@
 //! The results of a study: one row per combination, as a table, a CSV, JSON and a page.
 
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::Path;
 
 use serde_json::{Map, Value, json};
@@ -8,9 +8,9 @@ use serde_json::{Map, Value, json};
 use super::combinations::{Combination, Combinations, Role};
 use super::outcome::{Outcome, Positions};
 use super::sheet;
+use crate::report::Table;
 use crate::report::folder::{Folder, FolderError};
-use crate::report::output::{DataFile, json_text};
-use crate::report::{Report, Table};
+use crate::report::output::{DataFile, Picture, RunOutput};
 use pliant::accuracy::FrameDistance;
 use pliant::format::number;
 
@@ -117,6 +117,8 @@ pub struct Findings<'a> {
     /// True if a run is missing.
     pub interrupted: bool,
     notes: Vec<String>,
+    /// Runs that were stopped.
+    stopped: Vec<String>,
 }
 
 /// A number for CSV: the shortest text that reads back to the same bits; empty if it is not finite.
@@ -137,7 +139,7 @@ fn distance(a: &Positions, b: &Positions) -> Option<FrameDistance> {
 impl<'a> Findings<'a> {
     /// Reads the existing results of a study from its folder.
     pub fn of(study: &'a Combinations, folder: &Path) -> Self {
-        let mut notes = study.notes.clone();
+        let (mut notes, mut stopped) = (study.notes.clone(), Vec::new());
         let mut rows = Vec::new();
         for combination in &study.all {
             let outcome = Outcome::read(&folder.join(combination.file()), &combination.key);
@@ -160,7 +162,7 @@ impl<'a> Findings<'a> {
                     combination.label
                 ));
             }
-            notes.extend(outcome.iter().filter_map(|o| {
+            stopped.extend(outcome.iter().filter_map(|o| {
                 Some(format!(
                     "{}: stopped by {}",
                     combination.label,
@@ -192,6 +194,7 @@ impl<'a> Findings<'a> {
             rows,
             interrupted,
             notes,
+            stopped,
         }
     }
 
@@ -221,7 +224,7 @@ impl<'a> Findings<'a> {
         if self.has_errors() {
             heads.extend(self.study.frames.iter().map(|f| format!("error {f} [mm]")));
         }
-        let mut table = Table::new("", heads);
+        let mut table = Table::new("Runs", heads);
         for row in &self.rows {
             let frames = row.outcome.as_ref().map_or(0, |o| o.frames);
             let mut cells = vec![
@@ -294,17 +297,13 @@ impl<'a> Findings<'a> {
         cells
     }
 
-    /// The JSON of `--json`.
-    pub fn to_json(&self) -> Value {
+    fn measures_json(&self) -> Value {
         let rows: Vec<Value> = self.rows.iter().map(|row| self.row_json(row)).collect();
         json!({
-            "study": self.study.name,
             "scene": self.study.scene,
             "combine": self.study.combine.name(),
             "frames": self.study.frames,
-            "interrupted": self.interrupted,
             "rows": rows,
-            "notes": self.notes,
         })
     }
 
@@ -344,70 +343,40 @@ impl<'a> Findings<'a> {
         all
     }
 
-    /// Writes table, sheet and page to the folder. Returns the names of the sheets.
+    /// The result. Writes the sheets that the page does not show into the folder. `time_s` is the
+    /// wall time of this call of the command.
     ///
     /// # Errors
-    /// A file that cannot be written.
-    pub fn write(&self, folder: &Folder) -> Result<Vec<String>, FolderError> {
-        folder.write("study.csv", |w| self.data().write(w))?;
-        let mut sheets = Vec::new();
-        let mut names = Vec::new();
-        let pages = sheet::pages(self.study, &self.rows);
-        for (k, rows) in pages.iter().enumerate() {
-            let name = if pages.len() == 1 {
-                "sheet.png".to_owned()
-            } else {
-                format!("sheet-{}.png", k + 1)
-            };
-            let Some(page) = sheet::draw(self.study, &self.rows, rows, folder.path()) else {
-                continue;
-            };
-            let png = page.to_png();
-            let png = png.map_err(|e| FolderError::Io {
-                path: folder.path().join(&name),
-                source: io::Error::other(e),
-            })?;
-            folder.write(&name, |w| w.write_all(&png))?;
-            // A page with hundreds of sheets is too large for browsers.
-            if k < MOST_SHOWN {
-                sheets.push((
-                    format!(
-                        "{name}: same camera and colours in all pictures{}",
-                        self.explained()
-                    ),
-                    png,
-                ));
-            }
-            names.push(name);
-        }
-        let page = self.page(sheets, names.len());
-        folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))?;
-        let json = json_text(&self.to_json());
-        folder.write("study.json", |w| w.write_all(json.as_bytes()))?;
-        Ok(names)
-    }
-
-    fn explained(&self) -> &'static str {
-        if self.has_errors() {
-            "; below each its distance to its reference, root mean square and greatest"
-        } else {
-            ""
-        }
-    }
-
-    fn page(&self, sheets: Vec<(String, Vec<u8>)>, count: usize) -> Report {
+    /// A file that cannot be written, or a picture that cannot be encoded.
+    pub fn output(&self, folder: &Folder, time_s: f64) -> Result<RunOutput<'_>, FolderError> {
         let study = self.study;
-        let ran = self.rows.iter().filter(|r| r.outcome.is_some()).count();
+        let of_runs = study.all.iter().zip(&self.rows);
+        let of_runs = of_runs.filter(|(_, row)| row.outcome.is_some());
+        let mut written: Vec<String> = of_runs.map(|(run, _)| run.file()).collect();
+        let ran = written.len();
+        written.sort_unstable();
+        written.dedup();
+        let (pictures, beside) = self.sheets(folder)?;
         let mut notes = self.notes.clone();
-        if count > sheets.len() {
+        if !beside.is_empty() {
+            let (shown, all) = (pictures.len(), pictures.len() + beside.len());
             notes.push(format!(
-                "the first {} of {count} sheets are shown; the others are beside this page",
-                sheets.len()
+                "the first {shown} of {all} sheets are shown; the others are beside this page"
             ));
         }
-        notes
-            .push("times are those of steps alone, while other combinations ran beside".to_owned());
-        Report {
+        written.extend(beside);
+        if self.interrupted {
+            notes.push("not complete: the same command goes on where this one stopped".to_owned());
+        }
+        let times = "times are those of steps alone, while other combinations ran beside";
+        Ok(RunOutput {
+            kind: "study",
+            name: study.name.clone(),
+            measures: self.measures_json(),
+            findings: self.stopped.clone(),
+            notes,
+            interrupted: self.interrupted,
+            time_s,
             title: format!("{}: a study of {}", study.name, study.scene),
             subtitle: format!(
                 "{ran} of {} runs; combined: {}{}",
@@ -419,13 +388,54 @@ impl<'a> Findings<'a> {
                     ""
                 }
             ),
-            sheets,
-            tables: vec![Table {
-                title: "Table".to_owned(),
-                ..self.table()
-            }],
-            notes,
-            ..Report::default()
+            tables_of_text: 1,
+            tables: vec![self.table()],
+            pictures,
+            explanations: vec![times.to_owned()],
+            data: vec![self.data()],
+            written,
+            ..RunOutput::default()
+        })
+    }
+
+    /// The sheets of the page, and the names of the others, which are written at once: a page with
+    /// hundreds of sheets is too large for browsers.
+    fn sheets(&self, folder: &Folder) -> Result<(Vec<Picture>, Vec<String>), FolderError> {
+        let (mut shown, mut beside) = (Vec::new(), Vec::new());
+        let pages = sheet::pages(self.study, &self.rows);
+        for (k, rows) in pages.iter().enumerate() {
+            let file = match pages.len() {
+                1 => "sheet.png".to_owned(),
+                _ => format!("sheet-{}.png", k + 1),
+            };
+            let Some(sheet) = sheet::draw(self.study, &self.rows, rows, folder.path()) else {
+                continue;
+            };
+            let bytes = sheet.to_png()?;
+            if k >= MOST_SHOWN {
+                folder.write(&file, |w| w.write_all(&bytes))?;
+                beside.push(file);
+                continue;
+            }
+            let caption = format!(
+                "{file}: same camera and colours in all pictures{}",
+                self.explained()
+            );
+            shown.push(Picture {
+                file,
+                caption,
+                bytes,
+                wide: true,
+            });
+        }
+        Ok((shown, beside))
+    }
+
+    fn explained(&self) -> &'static str {
+        if self.has_errors() {
+            "; below each its distance to its reference, root mean square and greatest"
+        } else {
+            ""
         }
     }
 }

@@ -12,9 +12,9 @@ use nalgebra::Point3;
 use super::combinations::{Combination, Combinations, Subject, muscles};
 use super::outcome::{Outcome, Positions};
 use crate::report::folder::{Folder, FolderError};
+use crate::report::muscles::{MuscleSummary, summaries};
 use crate::report::pictures::covered_stretch;
 use crate::report::record::Record;
-use crate::report::summary::{Summary, Time};
 use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::progress::Progress;
 use pliant::scene::Scene;
@@ -123,25 +123,16 @@ fn of_muscles(
     frames: &[usize],
     progress: &dyn Progress,
 ) -> Option<Outcome> {
-    let begun = Instant::now();
     // The simulation was created once before, and files are not read again, so this cannot fail.
     let mut simulation = muscles(scene, assets).ok()?;
     let mut looks = Looks::new(frames, simulation.description());
     let mut recorded = Recorded::default();
-    let prepared = begun.elapsed();
     let ended = run(&mut simulation, &mut [&mut recorded, &mut looks], progress);
     if ended == Ended::Interrupted {
         return None;
     }
     let Recorded { record, diverged } = recorded;
-    let time = Time::of(
-        &record,
-        begun.elapsed().as_secs_f64(),
-        prepared.as_secs_f64(),
-        0.0,
-    );
-    let summary = Summary::of(&simulation, &record, false, time, None);
-    let outcome = looks.outcome(&summary, &record);
+    let outcome = looks.outcome(&simulation, &record);
     Some(Outcome {
         diverged,
         ..outcome
@@ -250,11 +241,9 @@ impl<'a> Looks<'a> {
         }
     }
 
-    fn outcome(self, summary: &Summary, record: &Record) -> Outcome {
-        let muscles = &summary.muscles;
-        let most = |value: fn(&crate::report::summary::MuscleSummary) -> f64| {
-            max_or_nan(muscles.iter().map(value))
-        };
+    fn outcome(self, simulation: &Simulation, record: &Record) -> Outcome {
+        let muscles = summaries(simulation, record, None);
+        let most = |value: fn(&MuscleSummary) -> f64| max_or_nan(muscles.iter().map(value));
         let steps_s = record.times.iter().map(|t| t.step_ms).sum::<f64>() * 1e-3;
         let numbers = [
             ("time_s", steps_s),
@@ -267,19 +256,12 @@ impl<'a> Looks<'a> {
                 most(|m| m.distance_from_start_rms_m),
             ),
             ("residual_m", most(|m| m.residual_max_m)),
-            ("error_estimate_m", summary.error_estimate_m),
+            ("error_estimate_m", most(|m| m.error_estimate_m)),
         ];
-        let at = |m: &crate::report::summary::MuscleSummary| {
-            let at = m.stopped.as_ref()?;
-            Some(format!(
-                "{} at vertex {} of {} in frame {}",
-                at.effect, at.particle, m.name, at.frame
-            ))
-        };
         Outcome {
-            frames: summary.frames,
+            frames: simulation.frame(),
             not_converged: muscles.iter().map(|m| m.frames_not_converged).sum(),
-            stopped: muscles.iter().find_map(at),
+            stopped: muscles.iter().find_map(MuscleSummary::stop),
             diverged: false,
             numbers: numbers
                 .map(|(name, value)| (name.to_owned(), value))

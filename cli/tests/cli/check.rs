@@ -49,7 +49,8 @@ fn check_says_what_is_wrong_and_whether_it_will_do() {
         assert!(said.contains(part), "{part}: {said}");
     }
     let done = run(&["check", shown(&good), shown(&bad), "--json"]);
-    let all: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let found: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let all = &measures(&found)["meshes"];
     assert_eq!(
         (&all[0]["fit"], &all[1]["fit"]),
         (&Value::Bool(true), &Value::Bool(false))
@@ -92,7 +93,8 @@ fn an_unreadable_file_does_not_hide_the_others() {
         "{errors}"
     );
     let done = run(&["check", shown(&bad), "--json"]);
-    let all: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let found: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let all = &measures(&found)["meshes"];
     assert!(all[0]["error"].as_str().is_some_and(|e| e.contains("E010")) && code(&done) == Some(2));
 }
 
@@ -126,8 +128,8 @@ fn a_repair_tells_what_it_changed() {
         (names_in(&folder), fs::read(&bad).unwrap()),
         (vec!["bad.obj".into(), "changes.json".into()], before)
     );
-    let changes = json(&folder.join("changes.json"));
-    let steps: Vec<_> = changes["files"][0]["repair"]["changes"]
+    let changes = measures(&json(&folder.join("changes.json")));
+    let steps: Vec<_> = changes["meshes"][0]["repair"]["changes"]
         .as_array()
         .unwrap()
         .iter()
@@ -138,7 +140,7 @@ fn a_repair_tells_what_it_changed() {
         ["closed_holes", "turned_triangles", "dropped_vertices"]
     );
     assert_eq!(
-        changes["files"][0]["repair"]["changes"][1]["elements"],
+        changes["meshes"][0]["repair"]["changes"][1]["elements"],
         serde_json::json!([7])
     );
     let done = run(&["check", shown(&folder.join("bad.obj"))]);
@@ -249,6 +251,15 @@ fn convert_changes_format_and_unit_and_nothing_else() {
     );
     let side = io::read(&second).unwrap().mesh.length();
     assert!((side - 0.1).abs() <= 1e-8, "{side}");
+    let done = run(&[
+        "convert",
+        shown(&first),
+        shown(&second),
+        "--force",
+        "--json",
+    ]);
+    let found: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(measures(&found)["lines_lost"], 1);
 }
 
 #[test]

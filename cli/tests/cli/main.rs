@@ -241,7 +241,7 @@ fn small_scenes_leave_whole_files() {
             serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output");
         assert_eq!(printed, summary);
         check_keys(&summary);
-        assert_eq!(summary["scene"], scene);
+        assert_eq!(summary["name"], scene);
         assert_eq!(summary["frames"], 5);
         let files = referenced(&out, &format!("{scene}.pvd"));
         let bones = if scene == "chain" { 0 } else { 1 };
@@ -269,18 +269,18 @@ fn small_scenes_leave_whole_files() {
 
 fn check_keys(summary: &Value) {
     for key in [
-        "scene",
+        "name",
         "frames",
         "converged",
         "muscles",
-        "time",
+        "times",
         "effects",
         "notes",
     ] {
         assert!(summary.get(key).is_some(), "{key}");
     }
-    for key in ["total_s", "frame_ms_median", "effects_s"] {
-        assert!(summary["time"].get(key).is_some(), "{key}");
+    for key in ["frames_s", "frame_median_s", "effects_s"] {
+        assert!(summary["times"].get(key).is_some(), "{key}");
     }
     schema::assert_valid(summary);
     assert!(summary["effects"]["run"].is_array());
@@ -303,7 +303,7 @@ fn check_keys(summary: &Value) {
         "vertices_pinched_max",
         "worst_frame",
     ];
-    for muscle in summary["muscles"].as_array().unwrap() {
+    for muscle in summary["muscles"]["muscles"].as_array().unwrap() {
         assert!(muscle["name"].is_string() && muscle["stopped"].is_null());
         for key in numbers {
             assert!(muscle[key].is_number(), "{key}: {}", muscle[key]);
@@ -356,19 +356,46 @@ fn strict_fails_a_run_that_is_not_converged() {
 }
 
 #[test]
+fn quiet_hides_everything_but_failures() {
+    let scratch = Scratch::folder();
+    let said = |scene: &str| {
+        let out = scratch.join(scene);
+        let done = run(&[
+            "run",
+            scene,
+            "--frames",
+            "1",
+            "--quiet",
+            "--out",
+            shown(&out),
+        ]);
+        assert!(done.stdout.is_empty(), "{}", text(&done.stdout));
+        text(&done.stderr)
+    };
+    assert_eq!(said("distance"), "");
+    let failed = said("chain");
+    assert!(failed.starts_with("FAIL  "), "{failed}");
+    assert!(!failed.contains("frame 1/1"), "{failed}");
+    let loud = run(&["run", "chain", "--frames", "1", "--out", shown(&scratch)]);
+    assert!(text(&loud.stderr).contains("frame 1/1"), "control");
+}
+
+#[test]
 fn plan_and_scenes_speak_json() {
     let plan: Value = serde_json::from_slice(&run(&["plan", "distance", "--json"]).stdout).unwrap();
-    assert_eq!(plan["run"][0]["effect"], "stretch");
-    assert!(plan["left_out"].as_array().is_some_and(|l| !l.is_empty()));
+    let effects = &measures(&plan)["effects"];
+    assert_eq!(effects["run"][0]["effect"], "stretch");
+    let left_out = effects["left_out"].as_array();
+    assert!(left_out.is_some_and(|l| !l.is_empty()));
     let table = text(&run(&["plan", "distance"]).stdout);
     assert!(table.contains("stretch") && table.contains("the scene has no [effects.contact]"));
     let scenes: Value = serde_json::from_slice(&run(&["scenes", "--json"]).stdout).unwrap();
-    for scene in scenes.as_array().unwrap() {
+    for scene in measures(&scenes)["scenes"].as_array().unwrap() {
         let name = scene["name"].as_str().unwrap();
         let shown: Value =
             serde_json::from_slice(&run(&["scenes", "show", name, "--json"]).stdout).unwrap();
         assert_eq!(
-            shown["toml"],
+            measures(&shown)["scenes"][0]["toml"],
             pliant::scene::builtin::builtin(name).unwrap()
         );
     }
@@ -592,7 +619,7 @@ fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
         "{words}"
     );
     let summary = json(&out.join("summary.json"));
-    let stopped = &summary["muscles"][0]["stopped"];
+    let stopped = &summary["muscles"]["muscles"][0]["stopped"];
     assert_eq!(
         (&stopped["frame"], &stopped["effect"], &stopped["particle"]),
         (&1.into(), &"motion".into(), &3.into())
@@ -605,7 +632,7 @@ fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
     // Control: a large finite force does not stop the run.
     let done = run_with("1e6 N");
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stdout));
-    assert!(json(&out.join("summary.json"))["muscles"][0]["stopped"].is_null());
+    assert!(json(&out.join("summary.json"))["muscles"]["muscles"][0]["stopped"].is_null());
 }
 
 #[test]
@@ -748,7 +775,7 @@ fn json_is_one_object_with_nothing_beside_it() {
     ];
     let done = run_into(&out, &named);
     let printed: Value = serde_json::from_slice(&done.stdout).expect("nothing but one object");
-    assert!(printed.is_object() && !printed["muscles"].as_array().unwrap().is_empty());
+    assert!(printed.is_object() && !printed["muscles"]["muscles"].as_array().unwrap().is_empty());
     check_keys(&printed);
     assert!(
         serde_json::from_slice::<Value>(&run(&["scenes"]).stdout).is_err(),
@@ -811,7 +838,7 @@ fn meshes_without_a_scene_give_the_same_bytes_for_any_number_of_threads() {
         "the turn-table depends on the number of threads"
     );
     let summary = json(&outs[0].join("summary.json"));
-    let muscle = &summary["muscles"][0];
+    let muscle = &summary["muscles"]["muscles"][0];
     assert!(
         muscle["vertices_attached"].as_u64().unwrap() > 0,
         "held by the box that is 2 mm away"

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::{Scratch, json, run, shown, text};
+use super::{Scratch, run, shown, text};
 use serde_json::{Value, json as value};
 
 const SCHEMA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/summary.schema.json");
@@ -168,14 +168,29 @@ pub(super) fn assert_valid(summary: &Value) {
     assert!(faults.is_empty(), "{}\n{summary:#}", faults.join("\n"));
 }
 
-/// A summary that fits, for the controls.
-fn sample() -> Value {
+/// Summaries that fit, for the controls: of a job, of a run of a scene, and of a command without a folder.
+fn samples() -> [Value; 3] {
     let scratch = Scratch::folder();
-    let out = scratch.join("out");
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/biceps.toml");
-    let done = run(&["biceps", file, "--out", shown(&out), "--json"]);
-    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    json(&out.join("summary.json"))
+    let (job, scene) = (scratch.join("job"), scratch.join("scene"));
+    let commands: [&[&str]; 3] = [
+        &["biceps", file, "--out", shown(&job), "--json"],
+        &[
+            "run",
+            "distance",
+            "--frames",
+            "2",
+            "--out",
+            shown(&scene),
+            "--json",
+        ],
+        &["plan", "distance", "--json"],
+    ];
+    commands.map(|command| {
+        let done = run(command);
+        assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+        serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output")
+    })
 }
 
 /// A way to spoil a summary.
@@ -183,44 +198,71 @@ type Change<'a> = &'a dyn Fn(&mut Value);
 
 #[test]
 fn what_departs_from_the_schema_is_found() {
-    let (schema, good) = (schema(), sample());
-    assert_eq!(faults(&schema, &good), [""; 0]);
-    let spoilt = |change: &dyn Fn(&mut Value)| {
-        let mut bad = good.clone();
-        change(&mut bad);
-        faults(&schema, &bad)
-    };
-    let changes: [(&str, Change); 12] = [
-        ("another format", &|s| s["format"] = 0.into()),
-        ("a text as time", &|s| s["time_s"] = "1 s".into()),
-        ("no verdicts", &|s| {
-            drop(s.as_object_mut().map(|s| s.remove("verdicts")))
-        }),
-        ("a verdict with a key too many", &|s| {
+    let (schema, samples) = (schema(), samples());
+    for good in &samples {
+        assert_eq!(faults(&schema, good), [""; 0]);
+    }
+    let [job, scene, plan] = &samples;
+    let cases: [(&Value, &str, Change); 22] = [
+        (job, "another format", &|s| s["format"] = 1.into()),
+        (job, "a text as time", &|s| s["time_s"] = "1 s".into()),
+        (job, "no verdicts", &|s| remove(s, "verdicts")),
+        (job, "a verdict with a key too many", &|s| {
             s["verdicts"][0]["kept"] = true.into()
         }),
-        ("a verdict without `where`", &|s| {
-            drop(s["verdicts"][0].as_object_mut().map(|v| v.remove("where")))
+        (job, "a verdict without `where`", &|s| {
+            remove(&mut s["verdicts"][0], "where")
         }),
-        ("no measures", &|s| {
-            drop(s.as_object_mut().map(|s| s.remove("biceps")))
+        (job, "no measures", &|s| remove(s, "biceps")),
+        (job, "measures of another kind", &|s| {
+            s["kind"] = "fibres".into()
         }),
-        ("measures of another kind", &|s| s["kind"] = "fibres".into()),
-        ("an unknown kind", &|s| s["kind"] = "muscle".into()),
-        ("a length as text", &|s| {
+        (job, "an unknown kind", &|s| s["kind"] = "muscle".into()),
+        (job, "frames of a scene", &|s| s["frames"] = 3.into()),
+        (job, "a length as text", &|s| {
             s["biceps"]["length_m"] = "long".into()
         }),
-        ("a measure that is gone", &|s| {
-            drop(s["biceps"].as_object_mut().map(|m| m.remove("volume_m3")))
+        (job, "a length without a unit", &|s| {
+            s["biceps"]["length"] = value!(0.3)
         }),
-        ("an angle in radians", &|s| {
+        (job, "a time in milliseconds", &|s| {
+            s["biceps"]["wall_ms"] = value!(3.0)
+        }),
+        (job, "a measure that is gone", &|s| {
+            remove(&mut s["biceps"], "volume_m3")
+        }),
+        (job, "an angle in radians", &|s| {
             s["biceps"]["joint_angle_rad"] = value!(1.0)
         }),
-        ("a key that nobody declared", &|s| s["told"] = value!(1)),
+        (job, "a key that nobody declared", &|s| {
+            s["told"] = value!(1)
+        }),
+        (scene, "no times", &|s| remove(s, "times")),
+        (scene, "an unknown time", &|s| {
+            s["times"]["total_s"] = value!(1.0)
+        }),
+        (scene, "a half frame", &|s| s["frames"] = value!(1.5)),
+        (scene, "an unknown measure of a muscle", &|s| {
+            s["muscles"]["muscles"][0]["bends"] = value!(1)
+        }),
+        (scene, "the old name of a scene", &|s| {
+            s["scene"] = "distance".into()
+        }),
+        (plan, "an effect without a reason", &|s| {
+            remove(&mut s["plan"]["effects"]["left_out"][0], "why")
+        }),
+        (plan, "no files", &|s| remove(s, "files")),
     ];
-    for (what, change) in changes {
-        assert!(!spoilt(change).is_empty(), "{what} was not found");
+    for (good, what, change) in cases {
+        let mut bad = good.clone();
+        change(&mut bad);
+        assert!(!faults(&schema, &bad).is_empty(), "{what} was not found");
     }
+}
+
+fn remove(from: &mut Value, key: &str) {
+    let gone = from.as_object_mut().and_then(|object| object.remove(key));
+    assert!(gone.is_some(), "there was no {key}");
 }
 
 #[test]

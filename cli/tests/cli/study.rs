@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{Scratch, json, names_in, pliant, run, shown, text};
+use super::{Scratch, json, measures, names_in, pliant, run, shown, text};
 
 /// A tetrahedron of a mesh file that swings, as the built-in scene `distance` does.
 const SCENE: &str = "
@@ -58,8 +58,8 @@ fn study(file: &str, out: &Path, more: &[&str]) -> String {
 /// Number of runs that a dry run announces.
 fn to_run(file: &str, out: &Path, more: &[&str]) -> usize {
     let said = study(file, out, &[&["--dry-run", "--json"], more].concat());
-    let rows: Value = serde_json::from_str(&said).unwrap();
-    rows["rows"]
+    let summary: Value = serde_json::from_str(&said).unwrap();
+    measures(&summary)["rows"]
         .as_array()
         .unwrap()
         .iter()
@@ -67,13 +67,20 @@ fn to_run(file: &str, out: &Path, more: &[&str]) -> usize {
         .count()
 }
 
-/// All files of a folder by name, except those of the page and the runs.
+/// All files of a folder by name, except the runs, and the summary without its time.
 fn results(out: &Path) -> BTreeMap<String, Vec<u8>> {
     let all = names_in(out)
         .into_iter()
         .filter(|n| n != "runs" && n != "pliant-files.txt");
-    all.map(|n| (n.clone(), fs::read(out.join(&n)).unwrap()))
-        .collect()
+    let bytes = |name: &str| {
+        if name != "summary.json" {
+            return fs::read(out.join(name)).unwrap();
+        }
+        let mut summary = json(&out.join(name));
+        summary["time_s"] = Value::Null;
+        summary.to_string().into_bytes()
+    };
+    all.map(|n| (n.clone(), bytes(&n))).collect()
 }
 
 #[test]
@@ -90,11 +97,12 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
             "runs",
             "sheet.png",
             "study.csv",
-            "study.json"
+            "summary.json"
         ]
     );
     let table: Value = serde_json::from_str(&printed).unwrap();
-    assert_eq!(table, json(&out.join("study.json")));
+    assert_eq!(table, json(&out.join("summary.json")));
+    let table = measures(&table);
     let rows = table["rows"].as_array().unwrap();
     // Four combinations, and one reference for each stretch.
     assert_eq!(rows.len(), 6);
@@ -208,7 +216,7 @@ fn a_combination_that_is_stopped_is_a_row_and_foreign_files_stay() {
     );
     let out = scratch.join("out");
     study(&file, &out, &[]);
-    let rows = json(&out.join("study.json"))["rows"].clone();
+    let rows = measures(&json(&out.join("summary.json")))["rows"].clone();
     let status = |row: usize| rows[row]["status"].as_str().unwrap();
     assert_eq!(
         (rows.as_array().unwrap().len(), status(1), status(3)),
@@ -262,8 +270,9 @@ fn ctrl_c_keeps_what_is_finished() {
         .unwrap();
     assert!(sent.success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
-    let table = json(&out.join("study.json"));
-    assert_eq!(table["interrupted"], true);
+    let summary = json(&out.join("summary.json"));
+    assert_eq!(summary["interrupted"], true);
+    let table = measures(&summary);
     assert_eq!(table["rows"][0]["frames"], 5);
     assert_eq!(
         (

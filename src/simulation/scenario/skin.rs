@@ -30,9 +30,9 @@ impl SkinMeasures {
 }
 
 impl SkinPart {
-    /// Areas in a frame. For frame 0 and for a frame that was not computed, the areas before.
+    /// Areas in a frame. Before the first computed frame, the areas before.
     pub fn areas_at(&self, frame: usize) -> Areas {
-        if let Some(found) = self.frames.iter().find(|f| f.frame == frame) {
+        if let Some(found) = self.measures_at(frame) {
             return found.areas;
         }
         let layers = &self.ready.layers;

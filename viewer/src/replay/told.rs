@@ -97,7 +97,7 @@ impl Told {
             self.notes.push(format!(
                 "the run was interrupted at frame {} of {}",
                 of("frames"),
-                of("frames_wanted")
+                of("frames_in_scene")
             ));
         }
         for row in summary["effects"]["left_out"]
@@ -105,8 +105,8 @@ impl Told {
             .into_iter()
             .flatten()
         {
-            if let (Some(muscle), Some(effect)) = (row["muscle"].as_str(), row["effect"].as_str()) {
-                self.left_out.insert((muscle.to_owned(), effect.to_owned()));
+            if let (Some(part), Some(effect)) = (row["part"].as_str(), row["effect"].as_str()) {
+                self.left_out.insert((part.to_owned(), effect.to_owned()));
             }
         }
         let notes = summary["notes"]
@@ -200,7 +200,8 @@ mod tests {
 
     fn measures(text: &str) -> (Told, Result<(), String>) {
         let mut told = Told::default();
-        let effects = r#"{"effects": {"left_out": [{"muscle": "a,b", "effect": "volume"}, {"muscle": "c"}, 3]}}"#;
+        let effects =
+            r#"{"effects": {"left_out": [{"part": "a,b", "effect": "volume"}, {"part": "c"}, 3]}}"#;
         told.take(&serde_json::from_str(effects).unwrap_or_default());
         let result = told.take_measures(text.as_bytes());
         (told, result)
@@ -278,7 +279,7 @@ mod tests {
         );
         assert_eq!(of(r#"{"lattice": {"points": 8}}"#).kind, Kind::Lattice);
         let interrupted =
-            of(r#"{"interrupted": true, "frames": 3, "frames_wanted": 9, "notes": ["n", 5]}"#);
+            of(r#"{"interrupted": true, "frames": 3, "frames_in_scene": 9, "notes": ["n", 5]}"#);
         assert_eq!(
             interrupted.notes,
             ["the run was interrupted at frame 3 of 9", "n"]

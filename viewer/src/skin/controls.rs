@@ -3,9 +3,9 @@
 use super::implants;
 use super::shots::Spot;
 use crate::panel::{Control, Kind, List, Shown, Target, Value};
-use crate::recipe::{Recipe, Refused};
+use crate::recipe::Refused;
 use pliant::scene::units::{Dimension, parse};
-use pliant::scene::{ImplantFill, SkinScene, Support};
+use pliant::scene::{FillCourse, ImplantFill, SkinScene, Support};
 use pliant::simulation::SkinRun;
 use pliant::skin::BaseShape;
 
@@ -18,8 +18,6 @@ const FULL: f64 = 0.999;
 /// Ranges of sliders, from the scene at the start.
 pub(super) struct Ranges {
     start: SkinScene,
-    /// True for each implant with a list of fillings.
-    filled: Vec<bool>,
 }
 
 /// The index of the implant of a path `implant.K.turn`.
@@ -43,16 +41,8 @@ pub(super) fn degrees(path: &str, value: &str) -> Result<f64, Refused> {
 }
 
 impl Ranges {
-    pub fn of(recipe: &Recipe, scene: &SkinScene) -> Self {
-        // Only the text contains the form of a volume.
-        let by_list = |k: usize| {
-            recipe
-                .with(&format!("implant.{k}.fill.0.volume"), "1 cc")
-                .content()
-                .is_ok()
-        };
+    pub fn of(scene: &SkinScene) -> Self {
         Self {
-            filled: (0..implants(scene).len()).map(by_list).collect(),
             start: scene.clone(),
         }
     }
@@ -69,13 +59,8 @@ impl Ranges {
                 .iter()
                 .find(|part| part.members.contains(&k))
                 .map_or(0.0, |p| p.ready.layers.edge);
-            self.volumes(
-                &mut list,
-                &group,
-                k,
-                filled,
-                1e6 * FULL * implant.largest(edge),
-            );
+            let most = 1e6 * FULL * implant.largest(edge);
+            volumes(&mut list, &group, k, (filled, &run.scene.days), most);
             let names = BaseShape::ALL.map(|(name, _)| name);
             let chosen = BaseShape::ALL
                 .iter()
@@ -128,36 +113,6 @@ impl Ranges {
         list.0
     }
 
-    fn volumes(&self, list: &mut List, group: &str, k: usize, filled: &ImplantFill, most: f64) {
-        let shown = || Shown::even("cc", 0.0, most);
-        let path = |key: String| Target::Path(format!("implant.{k}.{key}"));
-        if !self.filled[k] {
-            let volume = filled.order.implant.volume;
-            return list.slider(
-                group,
-                "volume",
-                path("volume".to_owned()),
-                1e6 * volume,
-                shown(),
-            );
-        }
-        let first = if filled.fill.len() > FILLINGS {
-            filled.fill.len() - 1
-        } else {
-            0
-        };
-        for (at, (frame, volume)) in filled.fill.iter().enumerate().skip(first) {
-            let label = format!("volume in frame {frame}");
-            list.slider(
-                group,
-                &label,
-                path(format!("fill.{at}.volume")),
-                1e6 * volume,
-                shown(),
-            );
-        }
-    }
-
     /// Controls of the material of all skin.
     fn skin(&self, list: &mut List, now: &SkinScene) {
         let order = |scene: &SkinScene| match &scene.under {
@@ -193,6 +148,47 @@ impl Ranges {
                 1e3 * edge,
                 shown,
             );
+        }
+    }
+}
+
+/// The controls of an implant's volume, its fillings or its target area; `days` are those of the
+/// frames.
+fn volumes(
+    list: &mut List,
+    group: &str,
+    k: usize,
+    (filled, days): (&ImplantFill, &[f64]),
+    most: f64,
+) {
+    let shown = || Shown::even("cc", 0.0, most);
+    let path = |key: String| Target::Path(format!("implant.{k}.{key}"));
+    match filled.course {
+        FillCourse::Evenly => {
+            let (volume, target) = (filled.order.implant.volume, path("volume".to_owned()));
+            list.slider(group, "volume", target, 1e6 * volume, shown());
+        }
+        FillCourse::Target(area) => {
+            let (target, shown) = (
+                path("target_area".to_owned()),
+                Shown::about("cm2", 1e4 * area, 10.0, 100.0),
+            );
+            list.slider(group, "target area", target, 1e4 * area, shown);
+        }
+        FillCourse::Frames | FillCourse::Days => {
+            let first = if filled.fill.len() > FILLINGS {
+                filled.fill.len() - 1
+            } else {
+                0
+            };
+            for (at, (frame, volume)) in filled.fill.iter().enumerate().skip(first) {
+                let label = match frame.checked_sub(1).and_then(|at| days.get(at)) {
+                    Some(day) => format!("volume on day {day}"),
+                    None => format!("volume in frame {frame}"),
+                };
+                let target = path(format!("fill.{at}.volume"));
+                list.slider(group, &label, target, 1e6 * volume, shown());
+            }
         }
     }
 }

@@ -117,9 +117,8 @@ pub(super) fn spots(run: &SkinRun) -> Vec<Spot> {
 
 /// The undeformed shell of each implant with the volume of a frame; in frame 0 the initial one.
 pub(super) fn domes(run: &SkinRun, at: usize) -> Vec<TriangleMesh> {
-    let all = implants(&run.scene);
     let of_part = |part: &SkinPart| {
-        let volumes: Vec<f64> = part.members.iter().map(|k| all[*k].volume_at(at)).collect();
+        let volumes = run.volumes_at(part, at);
         // Volumes without a shell were rejected.
         part.ready
             .domes(&volumes)

@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 use nalgebra::{Isometry3, Point3};
 use pliant::progress::Silent;
 use pliant::scene::builtin;
-use pliant::simulation::{Simulation, scenario};
+use pliant::simulation::{Ended, Simulation, scenario};
 use pliant::testing::Scratch;
 use pliant_cli::report::folder::Folder;
 use pliant_cli::report::results::Results;
-use pliant_cli::report::run::{Wanted, perform};
+use pliant_cli::report::run::{RunOptions, perform};
 use pliant_viewer::{Command, Pace, Replay, ReplayError, Session, Snapshot, Tissue};
 
 use super::{HIP, LONG, bits, done, simulation, told, why_refused};
@@ -51,8 +51,7 @@ fn was(simulation: &Simulation) -> Was {
 fn run_into(out: &Path, name: &str, overrides: &[&str], frames: usize) -> (Simulation, Vec<Was>) {
     let mut simulation = simulation(name, overrides);
     let folder = Folder::open(out).unwrap_or_else(|e| panic!("{e}"));
-    let mut results = Results::begin(folder, &simulation, false, Instant::now())
-        .unwrap_or_else(|e| panic!("{e}"));
+    let mut results = Results::begin(folder, &simulation, false, Instant::now());
     assert!(results.frame(&simulation, Duration::ZERO));
     let mut all = vec![was(&simulation)];
     for _ in 0..frames {
@@ -60,9 +59,11 @@ fn run_into(out: &Path, name: &str, overrides: &[&str], frames: usize) -> (Simul
         assert!(results.frame(&simulation, Duration::ZERO));
         all.push(was(&simulation));
     }
-    results
-        .finish(&simulation, &[], false, None)
+    let finished = results
+        .finish(&simulation, &[], &Ended::Finished, None)
         .unwrap_or_else(|e| panic!("{e}"));
+    let written = finished.output.write(&finished.folder);
+    written.unwrap_or_else(|e| panic!("{e}"));
     (simulation, all)
 }
 
@@ -454,12 +455,14 @@ fn run_staged(out: &Path, name: &str, overrides: &[&str]) {
     let scene = builtin::load_content(name, &overrides).unwrap_or_else(|e| panic!("{}", e.terse()));
     let mut run = scenario(&scene).unwrap_or_else(|e| panic!("{}", e.terse()));
     let folder = Folder::open(out).unwrap_or_else(|e| panic!("{e}"));
-    let wanted = Wanted {
+    let options = RunOptions {
         animate: false,
         begun: Instant::now(),
         settings: Vec::new(),
     };
-    perform(&mut *run, folder, &wanted, &Silent).unwrap_or_else(|e| panic!("{e}"));
+    let finished = perform(&mut *run, folder, &options, &Silent).unwrap_or_else(|e| panic!("{e}"));
+    let written = finished.output.write(&finished.folder);
+    written.unwrap_or_else(|e| panic!("{e}"));
 }
 
 /// Points of a file, read separately.

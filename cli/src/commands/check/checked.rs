@@ -26,6 +26,14 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
+    /// Name of the file as given.
+    pub fn file(&self) -> &str {
+        match self {
+            Self::Checked(checked) => &checked.file,
+            Self::Failed { file, .. } => file,
+        }
+    }
+
     pub fn checked(&self) -> Option<&Checked> {
         match self {
             Self::Checked(checked) => Some(checked),

@@ -1,21 +1,52 @@
-//! `pliant run` for a scene without muscles.
+//! Runs of scenes without muscles.
 
-use std::path::Path;
-use std::sync::atomic::AtomicBool;
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
-use super::Arguments;
+use super::{Arguments, conclude};
 use crate::commands::failure::Failure;
+use crate::commands::options::Output;
 use crate::commands::progress::Stoppable;
-use crate::commands::{DONE, FAILED, INTERRUPTED, say_json};
+use crate::commands::{INTERRUPTED, warn};
 use crate::report::folder::Folder;
-use crate::report::output::verdict_table;
-use crate::report::run::{Performed, Wanted, perform};
-use pliant::io::file_name;
+use crate::report::run::{RunOptions, files, perform};
 use pliant::scene::Content;
-use pliant::simulation::{Scenario, scenario};
+use pliant::simulation::{LoadError, scenario_with};
 
-/// Runs to the last frame or to Ctrl-C.
+/// A run of a scene without muscles, from a file or from the options of a command.
+pub(in crate::commands) struct Job<'a> {
+    pub(in crate::commands) output: &'a Output,
+    /// Folder of the results.
+    pub(in crate::commands) out: PathBuf,
+    pub(in crate::commands) options: RunOptions,
+    /// A flag that stops the run.
+    pub(in crate::commands) stop: &'a AtomicBool,
+    /// The failure for a mesh or a number that cannot be used.
+    pub(in crate::commands) refused: &'a dyn Fn(LoadError) -> Failure,
+}
+
+impl Job<'_> {
+    /// Runs to the last frame or to Ctrl-C. Returns the exit code.
+    pub(in crate::commands) fn run(self, scene: &Content) -> Result<u8, Failure> {
+        Folder::check(&self.out, &files(scene))?;
+        let progress = Stoppable::new(scene.frames(), self.stop);
+        let mut scenario = match scenario_with(scene, &progress) {
+            Err(_) if self.stop.load(Ordering::Relaxed) => {
+                progress.bar.end();
+                warn("interrupted before the first frame: nothing is written");
+                return Ok(INTERRUPTED);
+            }
+            made => made.map_err(self.refused)?,
+        };
+        let folder = Folder::open(&self.out)?;
+        let finished = perform(scenario.as_mut(), folder, &self.options, &progress)?;
+        progress.bar.end();
+        conclude(self.output, false, finished)
+    }
+}
+
+/// Runs a scene of `pliant run`.
 pub(super) fn run(
     arguments: &Arguments,
     scene: &Content,
@@ -29,61 +60,16 @@ pub(super) fn run(
             "leave --checkpoint-every and --resume out: this scene runs from its start",
         ));
     }
-    let mut scenario = scenario(scene)?;
-    let scenario = scenario.as_mut();
-    let out = arguments.output.folder(scenario.name(), "");
-    let wanted = Wanted {
-        animate: arguments.animate.is_some(),
-        begun,
-        settings: super::settings(arguments),
-    };
-    let said = Stoppable::new(scenario.frames(), stop);
-    let ended = perform(scenario, Folder::open(&out)?, &wanted, &said)?;
-    said.bar.end();
-    if arguments.output.printing.json {
-        say_json(&ended.summary);
+    Job {
+        output: &arguments.output,
+        out: arguments.output.folder(scene.name(), ""),
+        options: RunOptions {
+            animate: arguments.animate.is_some(),
+            begun,
+            settings: super::settings(arguments),
+        },
+        stop,
+        refused: &Failure::from,
     }
-    let text = in_words(scenario, &ended, &out, begun.elapsed());
-    arguments.output.printing.say(&text);
-    Ok(match (ended.interrupted, ended.converged) {
-        (true, _) => INTERRUPTED,
-        (false, true) => DONE,
-        (false, false) => FAILED,
-    })
-}
-
-/// The final message for the user.
-fn in_words(scenario: &dyn Scenario, ended: &Performed, folder: &Path, took: Duration) -> String {
-    let interrupted = if ended.interrupted {
-        ", interrupted"
-    } else {
-        ""
-    };
-    let (frames, wanted, seconds) = (scenario.frame(), scenario.frames(), took.as_secs_f64());
-    let mut text = format!(
-        "{}: {frames} of {wanted} frames in {seconds:.1} s{interrupted}\n\n",
-        scenario.name()
-    );
-    text.push_str(&verdict_table(&ended.account.verdicts).to_text());
-    if let Some(why) = ended.summary["stopped"].as_str() {
-        text.push_str(&format!("  FAIL  {why}\n"));
-    }
-    ended
-        .account
-        .tables
-        .iter()
-        .for_each(|table| text.push_str(&format!("\n{}", table.to_text())));
-    ended
-        .account
-        .notes
-        .iter()
-        .for_each(|note| text.push_str(&format!("  note: {note}\n")));
-    let file = |name: &str| folder.join(name).display().to_string();
-    text.push_str(&format!(
-        "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
-        folder.display(),
-        file("report.html"),
-        file(&format!("{}.pvd", file_name(scenario.name())))
-    ));
-    text
+    .run(scene)
 }

@@ -116,8 +116,7 @@ impl Insertion<'_> {
             String::new(),
             "of a triangle, any direction",
         );
-        // An empty sum is minus zero.
-        let over = format!("{:.1}", self.over_limit() * 1e4 + 0.0);
+        let over = format!("{:.1}", self.over_limit() * 1e4);
         row(
             &format!("area stretched over {:.2} [cm2]", self.limit),
             over,
@@ -214,7 +213,7 @@ impl Insertion<'_> {
     }
 
     /// The curve: its columns, and a row for each volume.
-    pub(super) fn csv(&self) -> DataFile<'_> {
+    pub(in crate::report) fn csv(&self) -> DataFile<'static> {
         let columns = [
             "implant",
             "day",
@@ -248,6 +247,7 @@ impl Insertion<'_> {
             cells.push(point.progress.converged.to_string());
             cells
         };
-        DataFile::new("curve.csv", columns, self.curve.iter().map(row))
+        let rows: Vec<Vec<String>> = self.curve.iter().map(row).collect();
+        DataFile::new("curve.csv", columns, rows)
     }
 }

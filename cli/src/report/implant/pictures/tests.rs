@@ -24,16 +24,12 @@ fn inserted<'a>(skin: &'a TriangleMesh, places: &[Vector3<f64>]) -> Insertion<'a
         insert(skin, &order, &[], |_| true).expect("inserted")
     });
     Insertion {
-        name: "ball".to_owned(),
         skin,
         implants: implants.collect(),
         numbers: (0..places.len()).map(|k| vec![k]).collect(),
-        interrupted: false,
         obstacles: &[],
         curve: Vec::new(),
         limit: 1.05,
-        wanted: None,
-        time: 0.0,
         under: "implant",
     }
 }

@@ -1,57 +1,22 @@
-//! The results of a run as numbers: `summary.json`, and the verdicts for the user.
+//! The result of a run of muscles: measures and checks of each muscle.
 
-use std::collections::BTreeMap;
+mod shown;
 
 use serde::Serialize;
+use serde_json::json;
 
-use super::output::{FORMAT, Verdict};
+use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
-use pliant::mesh::measures::max_or_nan;
+use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::Solver;
-use pliant::simulation::{Body, LeftOut, Measures, Planned, Simulation, VOLUME_HELD};
+use pliant::simulation::{Body, Measures, Simulation, VOLUME_HELD};
 
 /// Greatest distance of a muscle from its start at the end of a motion that returns, relative to
 /// its length.
 const RETURN_DISTANCE: f64 = 0.02;
 /// Greatest strain of its edges then.
 const RETURN_STRETCH: f64 = 0.05;
-
-/// The result of a run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Summary {
-    /// Version of the form, [`FORMAT`].
-    pub format: u32,
-    /// The kind of scene, `muscles`.
-    pub kind: &'static str,
-    /// Name of the scene.
-    pub scene: String,
-    /// Number of frames computed after the start.
-    pub frames: usize,
-    /// Number of frames of the scene.
-    pub frames_wanted: usize,
-    /// True if the run was interrupted.
-    pub interrupted: bool,
-    /// True if every muscle converged in every frame.
-    pub converged: bool,
-    /// Estimated error of the solver, RMS over the vertices of the worst frame and muscle [m]: see
-    /// [`MuscleSummary::error_estimate_m`].
-    pub error_estimate_m: f64,
-    /// The selection for the accuracy of the scene.
-    pub accuracy: Option<Delivered>,
-    /// Muscles.
-    pub muscles: Vec<MuscleSummary>,
-    /// Times.
-    pub time: Time,
-    /// Effects that ran and did not run.
-    pub effects: Effects,
-    /// The solver and its settings.
-    pub solver: String,
-    /// Results of the checks.
-    pub verdicts: Vec<Verdict>,
-    /// Notes from reading and from the run.
-    pub notes: Vec<String>,
-}
 
 /// One muscle over the run. Greatest values are over all frames including the start; exact winding
 /// numbers decide whether a vertex of a bone is inside.
@@ -108,19 +73,19 @@ pub struct MuscleSummary {
 
 /// Solver and settings selected for an accuracy.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Delivered {
+struct Delivered {
     /// Requested RMS error [m].
-    pub target_m: f64,
+    target_m: f64,
     /// Expected error in the worst frame [m].
-    pub expected_m: f64,
+    expected_m: f64,
     /// True if the estimate for the whole run is within the requested error.
-    pub reached: bool,
+    reached: bool,
     /// The solver.
-    pub solver: String,
+    solver: String,
     /// Settings of the solver.
-    pub settings: serde_json::Map<String, serde_json::Value>,
+    settings: serde_json::Map<String, serde_json::Value>,
     /// The reason of the selection.
-    pub why: String,
+    why: String,
 }
 
 /// Place of a stop.
@@ -134,112 +99,91 @@ pub struct Stopped {
     pub particle: usize,
 }
 
-/// Times of a run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Time {
-    /// From reading the scene until all files except the report and this summary are written [s].
-    pub total_s: f64,
-    /// Reading and preparation of the scene and its meshes [s].
-    pub prepare_s: f64,
-    /// After the last frame: waiting frames, tables, animation [s].
-    pub finish_s: f64,
-    /// Median time of a frame, without audit [ms].
-    pub frame_ms_median: f64,
-    /// Audit of all frames [s].
-    pub audit_s: f64,
-    /// Time of each effect, summed over muscles, frames, threads [s].
-    pub effects_s: BTreeMap<&'static str, f64>,
-}
-
-/// Effects that ran and did not run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Effects {
-    /// Effects that ran.
-    pub run: Vec<Planned>,
-    /// Effects that did not run, with the reasons.
-    pub left_out: Vec<LeftOut>,
-}
-
-impl Time {
-    /// The times of a record, within the given total times.
-    pub fn of(record: &Record, total_s: f64, prepare_s: f64, finish_s: f64) -> Self {
-        Self {
-            total_s,
-            prepare_s,
-            finish_s,
-            frame_ms_median: record.median_ms(),
-            audit_s: record.times.iter().map(|t| t.audit_ms).sum::<f64>() * 1e-3,
-            effects_s: record.effects_s().clone(),
-        }
+/// The result of a run, without the parts that all scenes have in common.
+pub(super) fn output(
+    simulation: &Simulation,
+    record: Record,
+    chosen: Option<&Chosen>,
+) -> RunOutput<'static> {
+    let muscles = summaries(simulation, &record, chosen);
+    let mut verdicts: Vec<Verdict> = chosen.map(verdict_of).into_iter().collect();
+    for (m, summary) in muscles.iter().enumerate() {
+        verdicts.extend(verdicts_of(simulation, m, summary));
     }
-}
-
-impl Summary {
-    /// Creates the summary of a run.
-    pub fn of(
-        simulation: &Simulation,
-        record: &Record,
-        interrupted: bool,
-        time: Time,
-        chosen: Option<&Chosen>,
-    ) -> Self {
-        let scene = &simulation.scene;
-        let muscles: Vec<_> = simulation
-            .bodies
-            .iter()
-            .map(|b| muscle(b, record, chosen))
-            .collect();
-        let error_estimate_m = max_or_nan(muscles.iter().map(|m| m.error_estimate_m));
-        let mut verdicts = Vec::new();
-        verdicts.extend(chosen.map(verdict_of));
-        for (m, summary) in muscles.iter().enumerate() {
-            verdicts.extend(verdicts_of(simulation, m, summary));
-        }
-        Self {
-            format: FORMAT,
-            kind: "muscles",
-            scene: scene.name.clone(),
-            frames: simulation.frame(),
-            frames_wanted: scene.frames,
-            interrupted,
+    let cuts = simulation.bodies.iter().filter_map(cut);
+    let plot = |plot| Plot { file: None, plot };
+    let plots = shown::plots(&muscles, &simulation.plan, &record);
+    RunOutput {
+        kind: "muscles",
+        measures: json!({
+            "solver": solver(&simulation.scene.solver),
+            "error_estimate_m": max_or_nan(muscles.iter().map(|m| m.error_estimate_m)),
+            "accuracy": chosen.map(Delivered::of),
+            "muscles": muscles,
+        }),
+        scene: Some(SceneRun {
             converged: muscles
                 .iter()
                 .all(|m| m.frames_not_converged == 0 && m.stopped.is_none()),
-            error_estimate_m,
-            accuracy: chosen.map(|c| Delivered {
-                target_m: c.target_m,
-                expected_m: c.expected_m,
-                reached: c.is_kept(),
-                solver: c.candidate.solver_key().to_owned(),
-                settings: c.candidate.settings(),
-                why: c.why.clone(),
-            }),
-            muscles,
-            time,
-            effects: Effects {
-                run: simulation.plan.run.clone(),
-                left_out: simulation.plan.left_out.clone(),
-            },
-            solver: solver(&scene.solver),
-            verdicts,
-            notes: simulation
-                .notes
-                .iter()
-                .cloned()
-                .chain(simulation.bodies.iter().filter_map(cut))
-                .collect(),
+            stopped: muscles.iter().find_map(MuscleSummary::stop),
+            times: times(&record),
+            ..SceneRun::default()
+        }),
+        verdicts,
+        notes: simulation.notes.iter().cloned().chain(cuts).collect(),
+        text: shown::text(&muscles),
+        tables: shown::tables(&muscles, &record, &solver(&simulation.scene.solver)),
+        plots: plots.into_iter().map(plot).collect(),
+        data: record.into_data().into(),
+        ..RunOutput::default()
+    }
+}
+
+/// The times of the frames.
+fn times(record: &Record) -> Times {
+    let steps = record.times.iter().map(|t| t.step_ms * 1e-3);
+    let audits = record.times.iter().map(|t| t.audit_ms * 1e-3);
+    Times {
+        frames_s: steps.clone().sum(),
+        frame_median_s: median(steps.collect()).unwrap_or(0.0),
+        audit_s: Some(audits.sum()),
+        effects_s: record.effects_s().clone(),
+        ..Times::default()
+    }
+}
+
+/// Each muscle over a run; `chosen` is the selection for the accuracy of the scene.
+pub fn summaries(
+    simulation: &Simulation,
+    record: &Record,
+    chosen: Option<&Chosen>,
+) -> Vec<MuscleSummary> {
+    let bodies = simulation.bodies.iter();
+    bodies.map(|body| muscle(body, record, chosen)).collect()
+}
+
+impl MuscleSummary {
+    /// The place of its stop in words.
+    pub fn stop(&self) -> Option<String> {
+        let at = self.stopped.as_ref()?;
+        let (effect, vertex, frame) = (&at.effect, at.particle, at.frame);
+        Some(format!(
+            "{effect} at vertex {vertex} of {} in frame {frame}",
+            self.name
+        ))
+    }
+}
+
+impl Delivered {
+    fn of(chosen: &Chosen) -> Self {
+        Self {
+            target_m: chosen.target_m,
+            expected_m: chosen.expected_m,
+            reached: chosen.is_kept(),
+            solver: chosen.candidate.solver_key().to_owned(),
+            settings: chosen.candidate.settings(),
+            why: chosen.why.clone(),
         }
-    }
-
-    /// True if an invalid number stopped a muscle.
-    pub fn stopped(&self) -> bool {
-        self.muscles.iter().any(|m| m.stopped.is_some())
-    }
-
-    /// The summary as JSON, with `null` for a number that is not finite.
-    pub fn to_json(&self) -> String {
-        // A structure of texts, numbers and lists with text keys always has a JSON form.
-        serde_json::to_string_pretty(self).unwrap_or_default()
     }
 }
 
