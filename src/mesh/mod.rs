@@ -16,6 +16,7 @@ pub(crate) mod repair;
 pub mod shapes;
 pub(crate) mod sum;
 pub(crate) mod topology;
+pub(crate) mod union_find;
 pub(crate) mod winding;
 
 pub use closest::{SurfaceTree, TriangleProjection, closest_on_triangle};
