@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::{Batch, Constraint, Distance, Project, Scalar, SweepOrder};
 use pliant::contact::broad_phase::{BitGrid, Fill, NearestTriangle, Voxels};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
-use pliant::io::{read_bytes, vtk};
+use pliant::io::{Encoding, read_bytes, vtk};
 use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::mesh::{Inside, TriangleMesh};
 use pliant::particles::Particles;
@@ -75,8 +75,7 @@ fn a13_the_encodings_of_legacy_vtk_are_ascii_and_binary() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
     let path = folder.join("a13.vtk");
     let mesh = box_surface([1.0, 2.0, 3.0], 1.0);
-    vtk::write(&path, &mesh, &[], vtk::VtkEncoding::Binary)
-        .expect("the folder of tests can be written");
+    vtk::write(&path, &mesh, &[], Encoding::Binary).expect("the folder of tests can be written");
     let bytes = std::fs::read(&path).expect("it was written");
     let text = String::from_utf8_lossy(&bytes);
     assert_eq!(text.lines().nth(2), Some("BINARY"));
