@@ -16,7 +16,7 @@ use super::layers::Layers;
 use super::support_surface::SupportSurface;
 use super::thickness::{Thickness, thickness};
 use crate::constraints::distance::Distance;
-use crate::constraints::spring::anchors;
+use crate::constraints::spring::{Linear, anchors};
 use crate::constraints::{EnclosedVolume, Quadratic};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
@@ -416,8 +416,9 @@ impl SkinSystem {
             let alone = self.layers.springs.is_empty();
             let shell = envelope(&implant.springs, &implant.stiffness, alone);
             energy.elastic.push(Box::new(shell));
-            let places = implant.pocket.iter().map(|&v| (v, start[v as usize]));
-            let pocket = anchors("anchors", places, POCKET * self.membrane);
+            let law = Linear::new(POCKET * self.membrane);
+            let places = implant.pocket.iter();
+            let pocket = anchors("anchors", places.map(|&v| (v, start[v as usize], law)));
             energy.elastic.push(Box::new(pocket));
         }
         energy.volumes = self.volumes();

@@ -29,7 +29,7 @@ mod step;
 pub(crate) mod tension;
 pub(crate) mod tracking;
 #[cfg(feature = "sparse")]
-mod unknowns;
+pub(crate) mod unknowns;
 pub use press::Press;
 
 #[cfg(feature = "sparse")]
