@@ -13,7 +13,7 @@ pub(crate) mod network;
 pub(crate) mod placing;
 pub(crate) mod rings;
 
-pub use network::{rest, springs};
+pub use network::springs;
 
 use nalgebra::Point3;
 

@@ -21,7 +21,7 @@ use crate::constraints::{EnclosedVolume, Quadratic};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 use crate::rest::{End, Relax, all_within, relax};
-use crate::solvers::descent::{DescentOutcome, DescentSettings, Unguarded};
+use crate::solvers::descent::{DescentOutcome, DescentSettings, NoContact};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
 use crate::solvers::quasi_static::QuasiStatic;
@@ -105,7 +105,7 @@ pub struct SkinSystem {
     /// Implants in order.
     pub implants: Vec<FilledImplant>,
     /// Surfaces that support the lower layer and the implants.
-    pub beds: Vec<SupportSurface>,
+    pub supports: Vec<SupportSurface>,
     /// A rigid sphere under the lower layer: centre and radius [m].
     pub ball: Option<(Point3<f64>, f64)>,
     /// Base length of the smallest implant, the length scale of the tolerances [m].
@@ -516,7 +516,7 @@ impl SkinSystem {
                 iterations: INNER_QUASI_STATIC,
             };
             let mut solver = QuasiStatic::new(energy, x, inverse_mass, settings).map_err(failed)?;
-            let outcome = solver.solve(x, &mut Unguarded, |_, _| true);
+            let outcome = solver.solve(x, &mut NoContact, |_, _| true);
             return Ok((outcome, solver.pressures));
         }
         let newton = match newton {

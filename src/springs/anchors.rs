@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::hooke::Hooke;
-use super::pairs::{Law, PairError};
+use super::spring_set::{Law, PairError};
 use crate::constraints::spring::{self, Anchors};
 
 /// Creates anchors of `count` points from triples of point, fixed position [m] and spring, such as

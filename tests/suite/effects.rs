@@ -7,11 +7,11 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use pliant::io::Encoding;
-use pliant::io::vtk::write;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::scene::{Surroundings, parse_with};
 use pliant::simulation::Simulation;
+use pliant::testing::internals::io::vtk::write;
 use proptest::prelude::*;
 
 use crate::bodies::bits;

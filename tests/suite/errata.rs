@@ -1,17 +1,18 @@
 //! Errata of the first source that no other file shows; `docs/errata.md` lists all of them.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{Batch, Constraint, Distance, Project, Scalar, SweepOrder};
-use pliant::contact::broad_phase::{BitGrid, Fill, NearestTriangle, Voxels};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
-use pliant::io::{Encoding, read_bytes, vtk};
+use pliant::io::{Encoding, read_bytes};
 use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::mesh::{Inside, TriangleMesh};
-use pliant::particles::Particles;
 use pliant::scene::builtin::load;
 use pliant::scene::{Effects, Solver};
 use pliant::simulation::Simulation;
 use pliant::solvers::System;
+use pliant::testing::internals::contact::broad_phase::{BitGrid, Fill, NearestTriangle, Voxels};
+use pliant::testing::internals::io::vtk;
 
 use crate::bodies::{batch, settings, still};
 use crate::tolerances::{T1, T10};

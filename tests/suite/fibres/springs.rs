@@ -1,9 +1,9 @@
 //! Decomposition by springs.
 
 use nalgebra::{Point3, Vector3};
+use pliant::fibres::SpringsError;
 use pliant::fibres::quality::measure;
-use pliant::fibres::springs::{SpringOptions, SpringsError, decompose, grid, rest, springs};
-use pliant::fibres::{Attachment, Closed, Grid, Sampling, Template};
+use pliant::fibres::{Attachment, Template};
 use pliant::mesh::TriangleMesh;
 use pliant::morph::SphereError;
 use pliant::springs::damping::{DampedBody, estimate};
@@ -11,6 +11,8 @@ use pliant::springs::integrators::{Integrator, Verlet};
 use pliant::springs::{
     Hooke, Neighbours, RestEnd, RestSettings, SpringSystem, Springs, limit, settle, stiffest,
 };
+use pliant::testing::internals::fibres::springs::{SpringOptions, decompose, grid, rest, springs};
+use pliant::testing::internals::fibres::{Closed, Grid, Sampling};
 
 use super::{made, ring_torus, star};
 use crate::tolerances::{T1, worst};
