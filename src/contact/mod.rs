@@ -73,7 +73,6 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-pub(crate) use active_normals::ActiveNormals;
 pub(crate) use faces::OnTriangle;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use faces::pseudo_normal;
