@@ -9,12 +9,12 @@
 use std::time::Duration;
 
 use pliant::accuracy::{
-    self, Candidate, FrameDistance, Reference, SolverQuestion, Study, StudyOptions, StudyRow,
-    Trajectory,
+    self, FrameDistance, Reference, SolverQuestion, Study, StudyOptions, StudyRow,
 };
 use pliant::progress::Silent;
 use pliant::scene::{Accuracy, Scene, builtin};
 use pliant::simulation::Assets;
+use pliant::testing::internals::accuracy::{Candidate, Trajectory};
 
 /// A press that touches its muscle from the first frame, with friction. The fit contains a
 /// press without friction and of another material.
@@ -109,7 +109,7 @@ fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads
         let able = study
             .rows
             .iter()
-            .filter(|row| row.candidate.way.is_none() && total(row) <= target_m);
+            .filter(|row| row.candidate.broad_phase.is_none() && total(row) <= target_m);
         let Some(fastest) = able.min_by(|a, b| a.time_s.total_cmp(&b.time_s)) else {
             println!(
                 "ROW choice | {name} | {} % | – | – | – | none keeps it | – |",

@@ -9,11 +9,11 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Isometry3, Point3};
+use pliant::Particles;
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Projection, Surface};
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::shapes::tube;
 use pliant::mesh::{TriangleMesh, closest_on_triangle};
-use pliant::particles::Particles;
 
 const MILLIMETRE: f64 = 1e-3;
 

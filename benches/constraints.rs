@@ -9,10 +9,12 @@ use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, 
 use measured::{
     Body, DT, batch, exponent, pool, quick, result, seconds, volume_error, with_threads,
 };
-use pliant::constraints::{Project, SimdWidth, SweepOrder};
+use pliant::Particles;
+use pliant::constraints::{Project, SweepOrder};
+use pliant::mesh::Topology;
 use pliant::mesh::shapes::icosphere;
-use pliant::mesh::{Topology, order};
-use pliant::particles::Particles;
+use pliant::testing::internals::constraints::SimdWidth;
+use pliant::testing::internals::mesh::order;
 
 /// Refinements of the sphere: 2,562, 10,242, 40,962 and 163,842 vertices.
 const LEVELS: [u32; 4] = [4, 5, 6, 7];

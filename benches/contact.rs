@@ -16,9 +16,10 @@ use std::time::{Duration, Instant};
 use measured::{key, note, quick};
 use nalgebra::{Point3, Vector3};
 use peak_alloc::PeakAlloc;
-use pliant::contact::broad_phase::{BitGrid, Fill, METHODS, Searched};
-use pliant::contact::{Length, Obstacle, PenetrationResponse, Surface};
+use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::{Inside, Topology, TriangleMesh};
+use pliant::testing::internals::contact::broad_phase::{BitGrid, Fill, METHODS, Searched};
+use pliant::testing::internals::contact::{Length, PenetrationResponse};
 
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;

@@ -14,7 +14,7 @@ use nalgebra::{Point3, Rotation3, Unit, Vector3};
 use pliant::constraints::{EnclosedVolume, Quadratic};
 use pliant::mesh::shapes::make;
 use pliant::mesh::{Topology, TriangleMesh, refine};
-use pliant::solvers::{DescentSettings, Energy, Newton, QuasiStatic, Unguarded, stiffness};
+use pliant::solvers::{DescentSettings, Energy, Newton, NoContact, QuasiStatic, stiffness};
 
 /// Stiffness of the example scenes [N/m, N m].
 const MATERIAL: (f64, f64) = (300.0, 2e-4);
@@ -122,8 +122,8 @@ impl Task {
     fn reference(&self, angle: f64) -> Vec<Point3<f64>> {
         let mut x = self.mesh.vertices.clone();
         let mut start = self.solver(self.energy(), 1e-5, 2000);
-        start.follow(&mut x, &self.pose(angle), &mut Unguarded);
-        start.solve(&mut x, &mut Unguarded, |_, _| true);
+        start.follow(&mut x, &self.pose(angle), &mut NoContact);
+        start.solve(&mut x, &mut NoContact, |_, _| true);
         let settings = DescentSettings {
             tolerance: 1e-10,
             iterations: 50,
@@ -152,9 +152,9 @@ fn from_rest(task: &Task, reference: &[Point3<f64>]) -> (Duration, Vec<(Duration
     let mut solver = task.solver(energy, 1e-5, 400);
     let prepared = begin.elapsed();
     let mut x = task.mesh.vertices.clone();
-    solver.follow(&mut x, &task.pose(25_f64.to_radians()), &mut Unguarded);
+    solver.follow(&mut x, &task.pose(25_f64.to_radians()), &mut NoContact);
     let (mut rows, mut off_the_clock) = (Vec::new(), Duration::ZERO);
-    let outcome = solver.solve(&mut x, &mut Unguarded, |_, x| {
+    let outcome = solver.solve(&mut x, &mut NoContact, |_, x| {
         let pause = Instant::now();
         rows.push((begin.elapsed() - off_the_clock, task.error(x, reference)));
         off_the_clock += pause.elapsed();
@@ -178,9 +178,9 @@ fn tracked(task: &Task, iterations: u32, reference: &[Point3<f64>]) -> (Duration
         solver.follow(
             &mut x,
             &task.pose(25_f64.to_radians() * f64::from(frame) / f64::from(FRAMES)),
-            &mut Unguarded,
+            &mut NoContact,
         );
-        solver.solve(&mut x, &mut Unguarded, |_, _| true);
+        solver.solve(&mut x, &mut NoContact, |_, _| true);
         slowest = slowest.max(begin.elapsed());
     }
     (slowest, task.error(&x, reference))

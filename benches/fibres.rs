@@ -11,11 +11,13 @@ use std::time::{Duration, Instant};
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::Point3;
 use pliant::fibres::quality::{Quality, measure};
-use pliant::fibres::{AreaSource, Attachment, Closed, Template, harmonic, slices, springs};
-use pliant::geometric::{Caps, Chain, ChainShape};
+use pliant::fibres::{AreaSource, Attachment, Template, harmonic};
+use pliant::geometric::{Chain, ChainShape};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
 use pliant::simulation::component;
+use pliant::testing::internals::fibres::{Closed, slices, springs};
+use pliant::testing::internals::geometric::Caps;
 
 /// Muscles, their origins and insertions: a file of patches, with `#` a part of it, or a bone and a distance [m].
 const MUSCLES: &[[&str; 3]] = &[

@@ -8,11 +8,9 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::Point3;
 use pliant::mesh::shapes::icosphere;
-use pliant::mesh::{
-    Health, Inside, RepairOptions, TriangleMesh, WindingTree, deviation, repair,
-    winding_number_direct,
-};
+use pliant::mesh::{Health, Inside, RepairOptions, TriangleMesh, deviation, repair};
 use pliant::testing::Draw;
+use pliant::testing::internals::mesh::{WindingTree, winding_number_direct};
 
 /// A sphere with holes, reversed triangles, duplicates and triangles with their own vertices.
 fn dirty() -> TriangleMesh {

@@ -17,7 +17,7 @@ use parry3d_f64::math::Vector as Glam;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::icosphere;
-use pliant::springs::contact::Hierarchy;
+use pliant::testing::internals::springs::contact::Hierarchy;
 
 /// The source's sheet: an n by n grid of side 1, reduced to the triangles with a vertex within
 /// 0.375 of the centre.

@@ -11,9 +11,10 @@ use std::hint::black_box;
 use measured::scene::{PRESSED, Scene};
 use measured::turned::Turned;
 use measured::{Body, pool};
-use pliant::constraints::{SimdWidth, SweepOrder};
+use pliant::constraints::SweepOrder;
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::shapes::tube;
+use pliant::testing::internals::constraints::SimdWidth;
 
 /// The counted work. callgrind finds it by the name of this function.
 #[inline(never)]

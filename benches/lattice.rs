@@ -11,10 +11,10 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use measured::{key, pool, quick, result, seconds};
-use pliant::constraints::SimdWidth;
-use pliant::simd::Number;
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{Lattice, LatticeRestSettings, LatticeSettings, LatticeShape};
+use pliant::testing::internals::constraints::SimdWidth;
+use pliant::testing::internals::simd::Number;
 
 /// Tables 7.1 and 7.2 of the source: points along a side, and milliseconds a step for 6 and for 26 neighbours, on the
 /// processor (Core 2 Quad, 2.4 GHz) and on the better of its two programs for the graphics card (GeForce 9600 GT).

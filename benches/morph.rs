@@ -13,9 +13,11 @@ use nalgebra::{Point3, Similarity3, Vector3};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
 use pliant::morph::blend::Path as Way;
+use pliant::morph::flipped;
 use pliant::morph::register::{self, FitMotion, RegistrationSurface, register_surfaces};
-use pliant::morph::sphere::{check, flipped};
-use pliant::morph::{Correspondence, CorrespondenceSettings, Distortion, SphereMap};
+use pliant::morph::{Correspondence, CorrespondenceSettings, Distortion};
+use pliant::testing::internals::morph::SphereMap;
+use pliant::testing::internals::morph::sphere::check;
 
 /// A belly 0.3 m long and up to 60 mm wide, flat, bent by half a radian, with `around` vertices around it.
 fn belly(around: u32) -> TriangleMesh {

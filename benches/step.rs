@@ -14,10 +14,11 @@ use measured::turned::Turned;
 use measured::{
     Body, compare, exponent, in_turn, pool, quick, result, seconds, volume_error, with_threads,
 };
-use pliant::constraints::{SimdWidth, SweepOrder};
+use pliant::Particles;
+use pliant::constraints::SweepOrder;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
-use pliant::particles::Particles;
+use pliant::testing::internals::constraints::SimdWidth;
 
 /// Sweeps after which two orders are compared.
 const SWEEPS: usize = 100;

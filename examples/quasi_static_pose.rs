@@ -7,7 +7,7 @@ use std::error::Error;
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::tube;
-use pliant::solvers::{DescentSettings, Unguarded, stiffness};
+use pliant::solvers::{DescentSettings, NoContact, stiffness};
 use pliant::{EnclosedVolume, Energy, Quadratic, QuasiStatic, Topology, TriangleMesh};
 
 /// Runs the example.
@@ -39,10 +39,10 @@ pub fn main() -> Result<(), Box<dyn Error>> {
         .collect();
 
     // `follow` moves the held vertices and carries the others along; `solve` brings these to equilibrium. The closure
-    // sees every iteration, and ends the search where it returns false. `Unguarded` means: no obstacles.
+    // sees every iteration, and ends the search where it returns false. `NoContact` means: no obstacles.
     let mut x = rest.clone();
-    solver.follow(&mut x, &held, &mut Unguarded);
-    let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
+    solver.follow(&mut x, &held, &mut NoContact);
+    let outcome = solver.solve(&mut x, &mut NoContact, |_, _| true);
 
     // The forces on the free vertices vanish, up to the tolerance.
     assert!(outcome.converged, "{outcome:?}");
@@ -60,8 +60,8 @@ pub fn main() -> Result<(), Box<dyn Error>> {
 
     // The pose back at rest has no energy.
     let held: Vec<(u32, Point3<f64>)> = held.iter().map(|&(v, _)| (v, rest[v as usize])).collect();
-    solver.follow(&mut x, &held, &mut Unguarded);
-    let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
+    solver.follow(&mut x, &held, &mut NoContact);
+    let outcome = solver.solve(&mut x, &mut NoContact, |_, _| true);
     assert!(outcome.converged, "{outcome:?}");
     assert!(parts.value(&x) <= 1e-9 * parts.value(&sharp));
     Ok(())

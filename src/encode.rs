@@ -5,7 +5,7 @@
 //! text would change with the formatting of a dependency; these lines change with the values alone.
 //!
 //! ```
-//! use pliant::encode::{Encode, text_of};
+//! use pliant::testing::internals::encode::{Encode, text_of};
 //!
 //! assert_eq!(text_of("x", &[1.0, -0.0]), "x.count 2\nx.0 3ff0000000000000\nx.1 8000000000000000\n");
 //! assert_eq!(text_of("name", "left"), "name \"left\"\n");

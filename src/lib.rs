@@ -7,8 +7,11 @@
 //! A module imports only modules that stand above it in this list.
 //! The root names the types that a program uses first. Each of them is also in its module.
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
-// A build with few features has functions without a caller.
-#![cfg_attr(not(feature = "scene"), allow(dead_code))]
+// Only tests and benches use some functions, and only some features use others.
+#![cfg_attr(
+    not(all(feature = "scene", feature = "testing")),
+    allow(dead_code, unused_imports)
+)]
 
 // In the order of permitted imports, not alphabetical: `reorder_modules` is off.
 pub mod format;
@@ -16,11 +19,11 @@ pub mod progress;
 pub mod mesh;
 pub mod io;
 pub mod state;
-pub mod encode;
-pub mod particles;
+pub(crate) mod encode;
+pub(crate) mod particles;
 mod random;
-pub mod simd;
-pub mod rest;
+pub(crate) mod simd;
+pub(crate) mod rest;
 pub mod constraints;
 pub mod contact;
 pub mod springs;
@@ -50,7 +53,8 @@ pub use constraints::{
 };
 #[cfg(feature = "contact")]
 pub use contact::Surface;
-pub use contact::{ContactPlane, Contacts, Obstacle, PosedObstacle, Projection, capsule::Capsule};
+pub use contact::{ContactPlane, Contacts, Obstacle, PosedObstacle, Projection};
+pub use encode::text_of;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub use fibres::{
     attachment::{AreaSource, Attachment, AttachmentError},

@@ -17,7 +17,7 @@ pub enum End {
 /// A body that approaches rest step by step.
 ///
 /// ```
-/// use pliant::rest::{End, Relax, all_within, relax};
+/// use pliant::testing::internals::rest::{End, Relax, all_within, relax};
 /// use std::convert::Infallible;
 ///
 /// /// The root of 2 by Newton's method.

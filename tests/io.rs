@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
-use pliant::io::{MeshFile, Warning, obj, ply, read, read_bytes, stl, vtk, vtp};
+use pliant::io::obj;
+use pliant::io::{Encoding, MeshFile, Warning, read, read_bytes, vtp};
 use pliant::mesh::TriangleMesh;
+use pliant::testing::internals::io::{ply, stl, vtk};
 
 /// All files under folders of the data set; prints that the test is skipped if there are none.
 fn data(folders: &[&str]) -> Vec<PathBuf> {
@@ -195,13 +197,13 @@ fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8
         let path = folder.join(format!("{:?}-{name}", std::thread::current().id()));
         match name {
             "a.obj" => obj::write(&path, mesh, lines),
-            "a.vtk" => vtk::write(&path, mesh, lines, vtk::VtkEncoding::Ascii),
-            "b.vtk" => vtk::write(&path, mesh, lines, vtk::VtkEncoding::Binary),
-            "a.ply" => ply::write(&path, mesh, lines, ply::PlyEncoding::Text),
-            "l.ply" => ply::write(&path, mesh, lines, ply::PlyEncoding::Little),
-            "b.ply" => ply::write(&path, mesh, lines, ply::PlyEncoding::Big),
-            "a.stl" => stl::write(&path, mesh, stl::StlEncoding::Text),
-            "b.stl" => stl::write(&path, mesh, stl::StlEncoding::Binary),
+            "a.vtk" => vtk::write(&path, mesh, lines, Encoding::Text),
+            "b.vtk" => vtk::write(&path, mesh, lines, Encoding::Binary),
+            "a.ply" => ply::write(&path, mesh, lines, Encoding::Text),
+            "l.ply" => ply::write(&path, mesh, lines, Encoding::Binary),
+            "b.ply" => ply::write_ply(&path, mesh, lines, ply::PlyEncoding::Big),
+            "a.stl" => stl::write(&path, mesh, Encoding::Text),
+            "b.stl" => stl::write(&path, mesh, Encoding::Binary),
             _ => {
                 let (points, triangles) = (&mesh.vertices, &mesh.triangles);
                 vtp::write(
@@ -227,7 +229,7 @@ fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8
 fn what_is_written_is_read_with_the_same_bits() {
     let (mut mesh, lines) = sample();
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("too-large.stl");
-    let error = stl::write(&path, &mesh, stl::StlEncoding::Binary)
+    let error = stl::write(&path, &mesh, Encoding::Binary)
         .unwrap_err()
         .to_string();
     assert!(
@@ -258,9 +260,9 @@ fn what_is_written_is_read_with_the_same_bits() {
     mesh.vertices[0].z = f64::NAN;
     assert!(
         obj::write(&path, &mesh, &[]).is_err()
-            && ply::write(&path, &mesh, &[], ply::PlyEncoding::Text).is_err()
+            && ply::write(&path, &mesh, &[], Encoding::Text).is_err()
     );
-    assert!(stl::write(&path, &mesh, stl::StlEncoding::Text).is_err() && !path.exists());
+    assert!(stl::write(&path, &mesh, Encoding::Text).is_err() && !path.exists());
 }
 
 /// Small files of all formats; those without a writer are given as text.

@@ -12,12 +12,14 @@ use std::time::Instant;
 
 pub use lines::{compare, key, note, quartiles, quick, result};
 use nalgebra::{Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{
-    Batch, Bending, Constraint, Distance, EnclosedVolume, Project, SimdWidth, SweepOrder,
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Project, SweepOrder,
 };
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::particles::{Packed, Particles};
 use pliant::solvers::stiffness;
+use pliant::testing::internals::constraints::SimdWidth;
+use pliant::testing::internals::particles::Packed;
 
 /// Time step of sweeps [s].
 pub const DT: f64 = 1e-3;

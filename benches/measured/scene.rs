@@ -4,12 +4,13 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use pliant::constraints::{Batch, EnclosedVolume, SimdWidth, SweepOrder};
+use pliant::Particles;
+use pliant::constraints::{Batch, EnclosedVolume, SweepOrder};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use pliant::mesh::shapes::tube;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::particles::Particles;
 use pliant::solvers::{StepSettings, System, stiffness};
+use pliant::testing::internals::constraints::SimdWidth;
 
 use super::volume_error;
 

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Rotation3, Vector3};
 use pliant::constraints::{EnclosedVolume, Quadratic};
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::solvers::{DescentSettings, Energy, QuasiStatic, Unguarded, stiffness};
+use pliant::solvers::{DescentSettings, Energy, NoContact, QuasiStatic, stiffness};
 
 use super::volume_error;
 
@@ -74,8 +74,8 @@ impl<'a> Turned<'a> {
     pub fn solve(&self, solver: &mut QuasiStatic) {
         let mut x = self.mesh.vertices.clone();
         let (mut first, mut last) = (f64::NAN, f64::NAN);
-        solver.follow(&mut x, &self.pose, &mut Unguarded);
-        let outcome = solver.solve(&mut x, &mut Unguarded, |outcome, _| {
+        solver.follow(&mut x, &self.pose, &mut NoContact);
+        let outcome = solver.solve(&mut x, &mut NoContact, |outcome, _| {
             if first.is_nan() {
                 first = outcome.energy;
             }

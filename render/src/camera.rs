@@ -67,21 +67,8 @@ impl Canvas {
     }
 }
 
-/// Projection.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Lens {
-    /// Parallel rays: lengths are comparable everywhere in the picture.
-    #[default]
-    Orthographic,
-    /// Rays through one point.
-    Perspective {
-        /// Angle of view over the height of the free part of the canvas \[rad\]; clamped to
-        /// 0.01..=2.5.
-        angle: f64,
-    },
-}
-
-/// The direction of a view.
+/// The direction of a view. Its rays are parallel, so that lengths are comparable everywhere in the
+/// picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// From the scene to the viewer, of any length; +z if zero or not finite.
@@ -89,27 +76,12 @@ pub struct View {
     /// Up direction in the picture, of any length; another axis if parallel to `from` or not
     /// finite.
     pub up: Vector3<f64>,
-    /// Parallel rays or perspective.
-    pub lens: Lens,
 }
 
 impl View {
     /// A view with parallel rays.
     pub fn orthographic(from: Vector3<f64>, up: Vector3<f64>) -> Self {
-        Self {
-            from,
-            up,
-            lens: Lens::Orthographic,
-        }
-    }
-
-    /// A view with a lens of 0.6 rad, like a short telephoto lens: little distortion.
-    pub fn perspective(from: Vector3<f64>, up: Vector3<f64>) -> Self {
-        Self {
-            from,
-            up,
-            lens: Lens::Perspective { angle: 0.6 },
-        }
+        Self { from, up }
     }
 
     /// Right, up and viewing direction, orthonormal.
@@ -135,13 +107,10 @@ pub struct Camera {
     pub(super) eye: Point3<f64>,
     /// Right, up, viewing direction: orthonormal.
     pub(super) axes: [Vector3<f64>; 3],
-    pub(super) perspective: bool,
-    /// Pixels per metre (parallel rays), or per metre at a depth of 1 m (perspective).
+    /// Pixels per metre.
     pub(super) scale: f64,
     /// The pixel of the point straight ahead.
     pub(super) centre: [f64; 2],
-    /// Parts nearer to the eye than this are clipped \[m\]; perspective only.
-    pub(super) near: f64,
 }
 
 impl Camera {
@@ -178,55 +147,25 @@ impl Camera {
             (low, high) = extent(&local);
         }
         let middle = (low + high) / 2.0;
-        local.iter_mut().for_each(|p| *p -= middle);
         let half = (high - low) / 2.0;
         let origin = Point3::from(axes[0] * middle.x + axes[1] * middle.y + axes[2] * middle.z);
         let (centre, size) = canvas.free();
-        match view.lens {
-            Lens::Orthographic => {
-                let scale = [size[0] / 2.0 / half.x, size[1] / 2.0 / half.y]
-                    .into_iter()
-                    .filter(|s| s.is_finite())
-                    .fold(f64::INFINITY, f64::min);
-                // All points on one line of sight: any scale fits; use their depth.
-                let scale = if scale.is_finite() {
-                    scale
-                } else {
-                    size[0].min(size[1]) / 2.0 / half.z
-                };
-                Self {
-                    canvas,
-                    eye: origin,
-                    axes,
-                    perspective: false,
-                    scale,
-                    centre,
-                    near: 0.0,
-                }
-            }
-            Lens::Perspective { angle } => {
-                let angle = if angle.is_finite() {
-                    angle.clamp(0.01, 2.5)
-                } else {
-                    0.6
-                };
-                let tangent = libm::tan(angle / 2.0);
-                let wide = tangent * size[0] / size[1];
-                // A point at depth d + z is inside if |x| <= wide (d + z) and |y| <= tangent (d + z).
-                let away = local
-                    .iter()
-                    .map(|p| (p.x.abs() / wide).max(p.y.abs() / tangent) - p.z)
-                    .fold(half.norm() * 1e-2 + half.z, f64::max);
-                Self {
-                    canvas,
-                    eye: origin - axes[2] * away,
-                    axes,
-                    perspective: true,
-                    scale: size[1] / 2.0 / tangent,
-                    centre,
-                    near: away * 1e-3,
-                }
-            }
+        let scale = [size[0] / 2.0 / half.x, size[1] / 2.0 / half.y]
+            .into_iter()
+            .filter(|s| s.is_finite())
+            .fold(f64::INFINITY, f64::min);
+        // All points on one line of sight: any scale fits; use their depth.
+        let scale = if scale.is_finite() {
+            scale
+        } else {
+            size[0].min(size[1]) / 2.0 / half.z
+        };
+        Self {
+            canvas,
+            eye: origin,
+            axes,
+            scale,
+            centre,
         }
     }
 
@@ -246,20 +185,12 @@ impl Camera {
     }
 
     /// The pixel (right, down) \[px\] of a point and its depth along the line of sight \[m\].
-    /// `None` for a point behind the eye or without a finite pixel.
+    /// `None` for a point without a finite pixel.
     pub fn pixel(&self, point: &Point3<f64>) -> Option<([f64; 2], f64)> {
         let from_eye = point - self.eye;
         let depth = self.axes[2].dot(&from_eye);
-        if self.perspective && depth < self.near {
-            return None;
-        }
-        let scale = if self.perspective {
-            self.scale / depth
-        } else {
-            self.scale
-        };
-        let x = self.centre[0] + scale * self.axes[0].dot(&from_eye);
-        let y = self.centre[1] - scale * self.axes[1].dot(&from_eye);
+        let x = self.centre[0] + self.scale * self.axes[0].dot(&from_eye);
+        let y = self.centre[1] - self.scale * self.axes[1].dot(&from_eye);
         (x.is_finite() && y.is_finite() && depth.is_finite()).then_some(([x, y], depth))
     }
 }
@@ -288,10 +219,9 @@ mod tests {
         /// its border.
         #[test]
         fn fits(points in prop::collection::vec(point(), 2..20), from in point(), up in point(),
-                scale in prop::sample::select(vec![1e-6, 1.0, 1e6]), perspective in any::<bool>()) {
+                scale in prop::sample::select(vec![1e-6, 1.0, 1e6])) {
             let canvas = Canvas::new(320, 200).with_right(40.0);
-            let lens = if perspective { Lens::Perspective { angle: 0.8 } } else { Lens::Orthographic };
-            let view = View { from: from.coords, up: up.coords, lens };
+            let view = View::orthographic(from.coords, up.coords);
             let camera = Camera::fit(points.iter().map(|p| p * scale), &view, canvas);
             let [left, top, right, bottom] = canvas.insets;
             let mut slack = f64::INFINITY;
@@ -303,7 +233,7 @@ mod tests {
                 prop_assert!(room.iter().all(|r| *r > -1e-6), "{:?}", room);
                 slack = room.iter().copied().fold(slack, f64::min);
             }
-            prop_assert!(perspective || slack < 1e-6, "loose by {}", slack);
+            prop_assert!(slack < 1e-6, "loose by {}", slack);
         }
     }
 
@@ -344,26 +274,18 @@ mod tests {
 
     #[test]
     fn nothing_to_see() {
-        let view = View::perspective(Vector3::z(), Vector3::y());
+        let view = View::orthographic(Vector3::z(), Vector3::y());
         for points in [
             vec![],
             vec![Point3::new(f64::NAN, 0.0, 0.0)],
             vec![Point3::new(3.0, 3.0, 3.0); 4],
         ] {
-            for view in [
-                view,
-                View {
-                    lens: Lens::Orthographic,
-                    ..view
-                },
-            ] {
-                let camera = Camera::fit(points.clone(), &view, Canvas::new(0, 70_000));
-                assert_eq!(
-                    (camera.canvas().width, camera.canvas().height),
-                    (1, MAX_SIDE)
-                );
-                assert!(camera.scale.is_finite() && camera.scale > 0.0);
-            }
+            let camera = Camera::fit(points, &view, Canvas::new(0, 70_000));
+            assert_eq!(
+                (camera.canvas().width, camera.canvas().height),
+                (1, MAX_SIDE)
+            );
+            assert!(camera.scale.is_finite() && camera.scale > 0.0);
         }
     }
 }

@@ -1,6 +1,6 @@
-//! Clipping of triangles and segments before any division by depth.
+//! Clipping of triangles and segments.
 //!
-//! The planes are the near plane and those of a guard band one picture wide on all sides, not the
+//! The planes are those of a guard band one picture wide on all sides, not the
 //! border of the picture. Most triangles then need no clipping, and the rasteriser clips the rest
 //! row by row in integers.
 
@@ -46,8 +46,8 @@ impl EyeVertex {
     }
 }
 
-/// Greatest number of corners of a triangle after five cuts.
-const MOST_CORNERS: usize = 8;
+/// Greatest number of corners of a triangle after four cuts.
+const MOST_CORNERS: usize = 7;
 
 /// A convex polygon.
 #[derive(Clone, Copy, Debug)]
@@ -79,35 +79,23 @@ impl Polygon {
     }
 }
 
-/// The planes: inside is where `a x + b y + c z + d >= 0`.
+/// The planes: inside is where `a x + b y + c >= 0`.
 #[derive(Clone, Debug)]
 pub(super) struct Clipper {
-    planes: Vec<[f64; 4]>,
+    planes: [[f64; 3]; 4],
 }
 
 impl Clipper {
     pub fn new(camera: &Camera) -> Self {
         let [width, height] = [camera.canvas.width, camera.canvas.height].map(f64::from);
         let [x, y] = camera.centre;
-        // Position of a side plane: its distance from the axis per depth (perspective), or
-        // everywhere (parallel rays).
-        let side = |right: f64, up: f64, pixels: f64| {
-            let beside = pixels / camera.scale;
-            if camera.perspective {
-                [right, up, beside, 0.0]
-            } else {
-                [right, up, 0.0, beside * SAFE]
-            }
-        };
-        let mut planes = vec![
+        let side = |right: f64, up: f64, pixels: f64| [right, up, pixels / camera.scale * SAFE];
+        let planes = [
             side(1.0, 0.0, x + width),
             side(-1.0, 0.0, 2.0 * width - x),
             side(0.0, 1.0, 2.0 * height - y),
             side(0.0, -1.0, y + height),
         ];
-        if camera.perspective {
-            planes.insert(0, [0.0, 0.0, 1.0, -camera.near * SAFE]);
-        }
         Self { planes }
     }
 
@@ -151,14 +139,14 @@ impl Clipper {
     }
 }
 
-fn height(plane: &[f64; 4], vertex: &EyeVertex) -> f64 {
-    let [x, y, z] = vertex.place;
-    plane[0] * x + plane[1] * y + plane[2] * z + plane[3]
+fn height(plane: &[f64; 3], vertex: &EyeVertex) -> f64 {
+    let [x, y, _] = vertex.place;
+    plane[0] * x + plane[1] * y + plane[2]
 }
 
 /// Intersection of an edge and a plane. It is always computed from the inner end, so that both
 /// triangles at an edge get the same bits.
-fn crossing(plane: &[f64; 4], from: &EyeVertex, to: &EyeVertex) -> Option<EyeVertex> {
+fn crossing(plane: &[f64; 3], from: &EyeVertex, to: &EyeVertex) -> Option<EyeVertex> {
     let (a, b) = (height(plane, from), height(plane, to));
     let (inside, outside, a, b) = match (a >= 0.0, b >= 0.0) {
         (true, false) => (from, to, a, b),
@@ -175,14 +163,9 @@ mod tests {
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
-    fn camera(perspective: bool) -> Camera {
+    fn camera() -> Camera {
         let corners = [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)];
-        let (from, up) = (Vector3::z(), Vector3::y());
-        let view = if perspective {
-            View::perspective(from, up)
-        } else {
-            View::orthographic(from, up)
-        };
+        let view = View::orthographic(Vector3::z(), Vector3::y());
         Camera::fit(corners, &view, Canvas::new(64, 48))
     }
 
@@ -197,10 +180,10 @@ mod tests {
 
     proptest! {
         /// The clipped polygon is convex around the picture's axis, within the planes, and has at
-        /// most 8 corners; both triangles at an edge are cut at the same bits.
+        /// most 7 corners; both triangles at an edge are cut at the same bits.
         #[test]
-        fn a_cut_stays_inside_and_fits_its_neighbour(a in vertex(), b in vertex(), c in vertex(), perspective in any::<bool>()) {
-            let clipper = Clipper::new(&camera(perspective));
+        fn a_cut_stays_inside_and_fits_its_neighbour(a in vertex(), b in vertex(), c in vertex()) {
+            let clipper = Clipper::new(&camera());
             let polygon = clipper.triangle(&[a, b, c]);
             for corner in polygon.corners() {
                 for plane in &clipper.planes {
@@ -214,24 +197,5 @@ mod tests {
             let segment = clipper.segment(&[a, b]);
             prop_assert_eq!(segment.map(|[from, to]| [to, from]), clipper.segment(&[b, a]));
         }
-    }
-
-    #[test]
-    fn what_is_too_near_is_cut() {
-        let camera = camera(true);
-        let at = |part: f64| EyeVertex {
-            place: [0.0, 0.0, camera.near * part * SAFE],
-            shade: [0.0; 4],
-        };
-        let clipper = Clipper::new(&camera);
-        assert!(
-            clipper
-                .triangle(&[at(0.1), at(0.5), at(0.9)])
-                .corners()
-                .is_empty()
-        );
-        let cut = clipper.segment(&[at(0.5), at(1.5)]).expect("half is left");
-        assert!((cut[0].place[2] / (camera.near * SAFE) - 1.0).abs() < 1e-12);
-        assert_eq!(cut[1], at(1.5));
     }
 }

@@ -40,7 +40,7 @@ mod text;
 mod ticks;
 
 pub use animation::{Film, to_apng, to_gif, write_film_as_apng, write_film_as_gif};
-pub use camera::{Camera, Canvas, Lens, MAX_SIDE, View};
+pub use camera::{Camera, Canvas, MAX_SIDE, View};
 pub use colour::{ColourMap, Rgb};
 pub use frame::{Frame, PictureError};
 pub use legend::Legend;
@@ -240,6 +240,7 @@ fn lit_vertices(
     inside_out: bool,
 ) -> Vec<Option<EyeVertex>> {
     let normals = vertex_normals(surface.positions, surface.triangles);
+    let to_viewer = camera.towards_viewer();
     let lit = |(index, (point, normal)): (usize, (&Point3<f64>, nalgebra::Vector3<f64>))| {
         let normal = if inside_out { -normal } else { normal };
         let place = match surface.colour {
@@ -249,11 +250,6 @@ fn lit_vertices(
                 ColourMap::place(values.get(index).copied().unwrap_or(f64::NAN), range)
                     .clamp(-1e6, 1e6)
             }
-        };
-        let to_viewer = if camera.perspective {
-            lighting::unit(camera.eye - point).unwrap_or_else(|| camera.towards_viewer())
-        } else {
-            camera.towards_viewer()
         };
         let depth_of_shade = if matches!(surface.colour, SurfaceColour::Plain(_)) {
             1.0

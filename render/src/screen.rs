@@ -165,34 +165,20 @@ impl<'a> Screen<'a> {
     fn place(&self, vertex: &EyeVertex) -> ([f64; 2], f64) {
         let [x, y, depth] = vertex.place;
         let camera = self.camera;
-        let (scale, near) = if camera.perspective {
-            (camera.scale / depth, 1.0 / depth)
-        } else {
-            (camera.scale / SAFE, -depth)
-        };
+        let scale = camera.scale / SAFE;
         let sample = [camera.centre[0] + x * scale, camera.centre[1] - y * scale]
             .map(|c| c * SAMPLES as f64);
-        (sample, near)
+        (sample, -depth)
     }
 
     /// The nearness of a vertex moved `pixels` towards the viewer.
     fn lifted(&self, vertex: &EyeVertex, pixels: f64) -> f64 {
-        let depth = vertex.place[2];
-        if self.camera.perspective {
-            1.0 / (depth * (1.0 - (pixels / self.camera.scale).min(0.5)))
-        } else {
-            pixels / self.camera.scale * SAFE - depth
-        }
+        pixels / self.camera.scale * SAFE - vertex.place[2]
     }
 
     /// The distance of a point behind a nearer one [px].
     fn pixels_behind(&self, near: f64, nearer: f64) -> f64 {
-        let scale = self.camera.scale;
-        if self.camera.perspective {
-            (nearer / near - 1.0) * scale
-        } else {
-            (nearer - near) / SAFE * scale
-        }
+        (nearer - near) / SAFE * self.camera.scale
     }
 
     fn add(&mut self, shade: [[f32; 4]; 3], places: [([f64; 2], f64); 3], paint: u32) {
@@ -385,7 +371,6 @@ impl<'a> Band<'a> {
 
     fn opaque(&mut self, triangle: &ScreenTriangle) {
         let paint = &self.screen.paints[triangle.paint as usize];
-        let perspective = self.screen.camera.perspective;
         let (columns, rows) = self.ranges();
         let (width, first) = (self.width, self.rows.start);
         let nearest = &mut self.buffers.nearest;
@@ -404,7 +389,7 @@ impl<'a> Band<'a> {
                 }
                 return;
             }
-            let [brightness, place, _] = triangle.shade_at(weights, near, perspective);
+            let [brightness, place, _] = triangle.shade_at(weights);
             let colour = paint.colour(place, brightness);
             if beats(near, colour, sample.near, sample.colour) {
                 *sample = Nearest {
@@ -427,7 +412,6 @@ impl<'a> Band<'a> {
 
     fn translucent(&mut self, triangle: &ScreenTriangle) {
         let paint = &self.screen.paints[triangle.paint as usize];
-        let perspective = self.screen.camera.perspective;
         let (columns, rows) = self.ranges();
         let (width, first) = (self.width, self.rows.start);
         let Buffers { nearest, layers } = &mut *self.buffers;
@@ -438,7 +422,7 @@ impl<'a> Band<'a> {
             if near <= nearest[index].near || near < behind.near {
                 return;
             }
-            let [brightness, place, facing] = triangle.shade_at(weights, near, perspective);
+            let [brightness, place, facing] = triangle.shade_at(weights);
             let layer = Layer {
                 near,
                 colour: paint.colour(place, brightness),
@@ -485,14 +469,8 @@ fn dot(weights: [f64; 3], values: [f64; 3]) -> f64 {
 }
 
 impl ScreenTriangle {
-    /// The shade at a sample. In perspective, quantities linear in space are not linear on the
-    /// screen; quantities divided by depth are, and so is 1 / depth, which is `near`.
-    fn shade_at(&self, weights: [f64; 3], near: f64, perspective: bool) -> [f32; 3] {
-        let weights: [f64; 3] = if perspective {
-            std::array::from_fn(|k| weights[k] * self.near[k] / near)
-        } else {
-            weights
-        };
+    /// The shade at a sample.
+    fn shade_at(&self, weights: [f64; 3]) -> [f32; 3] {
         let [a, b, c] = weights.map(|w| w as f32);
         std::array::from_fn(|k| a * self.shade[0][k] + b * self.shade[1][k] + c * self.shade[2][k])
     }

@@ -18,7 +18,7 @@ pub struct Candidate {
     /// Number of threads.
     pub threads: usize,
     /// Method of contact search: the name of one of [`METHODS`]; `None` for the default hierarchy.
-    pub way: Option<&'static str>,
+    pub broad_phase: Option<&'static str>,
 }
 
 /// Name of the default method of contact search.
@@ -31,7 +31,7 @@ impl Candidate {
             solver,
             width: SimdWidth::best(),
             threads,
-            way: None,
+            broad_phase: None,
         }
     }
 
@@ -50,7 +50,7 @@ impl Candidate {
             None => note("order", json!(self.solver.order().name())),
             Some(s) => note("tolerance", json!(s.tolerance)),
         };
-        note("contact", json!(self.way.unwrap_or(HIERARCHY)));
+        note("contact", json!(self.broad_phase.unwrap_or(HIERARCHY)));
         note("lanes", json!(self.width.lanes()));
         note("threads", json!(self.threads));
         all
@@ -80,8 +80,10 @@ impl Candidate {
     }
 
     /// The method of contact search, if it is not the default.
-    pub fn kind_of_way(&self) -> Option<&'static BroadPhase> {
-        METHODS.iter().find(|kind| Some(kind.name) == self.way)
+    pub fn broad_phase_method(&self) -> Option<&'static BroadPhase> {
+        METHODS
+            .iter()
+            .find(|kind| Some(kind.name) == self.broad_phase)
     }
 
     /// Number of sweeps or, for minimisation, of steps per frame: the time is proportional to it.

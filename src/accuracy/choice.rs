@@ -25,7 +25,7 @@ pub fn reaches(row: &StudyRow, error: f64) -> bool {
 /// True if a scene can use these settings: other methods of contact search exist for comparison
 /// only.
 fn can_be_run(row: &StudyRow) -> bool {
-    row.candidate.way.is_none()
+    row.candidate.broad_phase.is_none()
 }
 
 /// The fastest row that reaches each target; `length` [m] is the scale of the targets.
@@ -71,7 +71,8 @@ pub fn pareto(rows: &[StudyRow]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::{Candidate, FrameDistance, SolverQuestion};
+    use crate::accuracy::candidates::Candidate;
+    use crate::accuracy::{FrameDistance, SolverQuestion};
 
     fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> StudyRow {
         let error = FrameDistance {

@@ -20,10 +20,8 @@ pub(crate) mod trajectory;
 pub use candidates::HIERARCHY;
 pub use skin::{SkinRow, SkinStudy, SkinStudyError, measure_skin, method_name};
 
-pub use candidates::{Candidate, SolverQuestion};
-pub use choice::{Recommended, reaches};
+pub use candidates::SolverQuestion;
 pub use distance::FrameDistance;
 pub use pilot::{Chosen, choose};
 pub use reference::Reference;
 pub use study::{Status, Study, StudyError, StudyOptions, StudyRow, measure};
-pub use trajectory::Trajectory;

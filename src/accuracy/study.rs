@@ -516,7 +516,7 @@ impl Measuring<'_> {
             if self.scene.effects.contact.is_some() {
                 METHODS.iter().for_each(|way| {
                     add(Candidate {
-                        way: Some(way.name),
+                        broad_phase: Some(way.name),
                         ..candidate
                     })
                 });
@@ -530,7 +530,7 @@ impl Measuring<'_> {
                 candidate.width,
                 candidate.threads,
                 candidate
-                    .way
+                    .broad_phase
                     .map_or(String::new(), |way| format!(", contact by {way}"))
             ));
             if self.interrupted || self.left_s() < 0.0 {

@@ -63,8 +63,8 @@ impl Trajectory {
                 .iter_mut()
                 .for_each(|batch| batch.set_width(candidate.width));
         }
-        if let Some(way) = candidate.kind_of_way() {
-            simulation.set_contact_way(way);
+        if let Some(method) = candidate.broad_phase_method() {
+            simulation.set_broad_phase(method);
         }
         simulation.set_threads(candidate.threads);
         let prepared_s: f64 = simulation

@@ -8,7 +8,7 @@ use super::Constraint;
 use super::blocks::Block;
 use super::kernel::SweepBlock;
 use super::lanes::SimdWidth;
-use super::order::{Schedule, SweepOrder, schedule};
+use super::order::{SweepOrder, SweepSchedule, schedule};
 use super::projection::{Span, Sweep};
 use crate::mesh::measures::max_or_nan;
 use crate::particles::{Numbering, Packed, Particles};
@@ -107,7 +107,7 @@ pub struct Batch<C, const K: usize> {
     compliance: Vec<f64>,
     relaxation: Vec<f64>,
     multipliers: Vec<f64>,
-    schedule: Schedule,
+    schedule: SweepSchedule,
     /// Positions of each constraint's particles in their block.
     places: Vec<[u32; K]>,
     spans: Vec<Span>,
@@ -214,7 +214,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     }
 
     /// The order and its colours.
-    pub fn schedule(&self) -> &Schedule {
+    pub fn schedule(&self) -> &SweepSchedule {
         &self.schedule
     }
 
@@ -325,7 +325,7 @@ impl<C: Constraint<K>, const K: usize> Phase<'_, C, K> {
 }
 
 /// Particles of each constraint, counted from the first particle of its block.
-fn places<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<[u32; K]> {
+fn places<const K: usize>(schedule: &SweepSchedule, points: &[[u32; K]]) -> Vec<[u32; K]> {
     let blocks = schedule.phases.iter().flatten();
     let of = |block: &Block| {
         let base = block.particles.start as u32;
@@ -337,7 +337,7 @@ fn places<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<[u32;
 }
 
 /// The colours of all blocks, each with whether its constraints can fill the lanes of a register.
-fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> {
+fn spans<const K: usize>(schedule: &SweepSchedule, points: &[[u32; K]]) -> Vec<Span> {
     // A constraint that contains a particle twice moves it twice.
     let repeats = |p: &[u32; K]| (1..K).any(|k| p[..k].contains(&p[k]));
     let mut spans = Vec::with_capacity(schedule.colours.len());

@@ -5,8 +5,9 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Point3, Vector3};
 
 use super::angle::{atan2, atan2_in_lanes};
+use super::kernel::Periodic;
 use super::lanes::{cross, dot, neg, scale, sub};
-use super::{Constraint, Kernel, Lane, LaneConstraint, Periodic, Scalar, Several};
+use super::{Constraint, Kernel, Lane, LaneConstraint, Scalar, Several};
 
 /// A triangle whose area is below this share of its longest edge squared has no usable normal. The
 /// rule is relative: it does not change with the unit of length.

@@ -8,7 +8,7 @@
 
 use std::ops::Range;
 
-use super::order::{Schedule, colours};
+use super::order::{SweepSchedule, colours};
 
 /// Least number of particles in a block. Their positions and inverse masses fill two thirds of a
 /// first-level cache of 48 KiB.
@@ -22,7 +22,7 @@ const FAR: usize = 64;
 pub struct Block {
     /// Range of particles of the constraints.
     pub particles: Range<usize>,
-    /// Range of the colours as indices into [`Schedule::colours`].
+    /// Range of the colours as indices into [`SweepSchedule::colours`].
     pub colours: Range<usize>,
     /// Range of positions in the sweep.
     pub places: Range<usize>,
@@ -75,14 +75,14 @@ fn range((phase, block): (usize, usize), size: usize, count: usize) -> Range<usi
 }
 
 /// The constraints by phase, block and colour; those of a colour by their lowest particle.
-pub(super) fn in_blocks<const K: usize>(points: &[[u32; K]], count: usize) -> Schedule {
+pub(super) fn in_blocks<const K: usize>(points: &[[u32; K]], count: usize) -> SweepSchedule {
     let size = size(points, count).max(1);
     let homes: Vec<_> = points.iter().map(|p| home(p, size)).collect();
     let mut sequence: Vec<u32> = (0..points.len() as u32).collect();
     sequence.sort_by_key(|&c| homes[c as usize]);
-    let mut schedule = Schedule {
+    let mut schedule = SweepSchedule {
         independent: true,
-        ..Schedule::default()
+        ..SweepSchedule::default()
     };
     let mut last = None;
     for group in sequence.chunk_by(|&a, &b| homes[a as usize] == homes[b as usize]) {

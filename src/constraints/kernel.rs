@@ -3,11 +3,11 @@
 
 use nalgebra::Point3;
 
+use super::Constraint;
 use super::lanes::{Lane, Several, SimdWidth};
 use super::projection::{self, Span, Sweep};
 use super::quadratic::{self, Forces};
 use super::stencil::Blocks;
-use super::{Constraint, Periodic};
 
 /// A constraint that can be evaluated in several lanes at once.
 pub trait LaneConstraint<const K: usize>: Constraint<K> {
@@ -18,6 +18,16 @@ pub trait LaneConstraint<const K: usize>: Constraint<K> {
     /// C(x) and dC/dx_i of several constraints, one per lane. In the lanes of `usual`, the bits
     /// equal those of [`Constraint::value_and_gradient`].
     fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; K]) -> Several<N, K>;
+}
+
+/// A constraint whose value is known up to a period. It stores C of its last visit; the value
+/// nearest to it counts.
+pub trait Periodic<const K: usize>: Constraint<K> {
+    /// C at the last visit. It is the whole state, because points and parameters never change.
+    fn branch(&self) -> f64;
+
+    /// Stores C.
+    fn set_branch(&mut self, value: f64);
 }
 
 /// Properties of a kind of constraint that the loops of sweeps and energies need at compile time.

@@ -10,7 +10,7 @@ mod angle;
 pub(crate) mod batch;
 pub(crate) mod blocks;
 pub(crate) mod enclosed_volume;
-mod kernel;
+pub(crate) mod kernel;
 pub(crate) mod lanes;
 pub(crate) mod order;
 pub(crate) mod potential;
@@ -32,20 +32,20 @@ pub(crate) mod tetrahedron_volume;
 pub(crate) mod triangle_contact;
 
 pub use bending::dihedral;
-pub use blocks::Block;
-pub use second::Second;
-pub use spring::{Arm, Between, FromPlace, Spring, SpringLaw, ToMiddle};
+pub use spring::{Between, Spring, SpringLaw};
 
 pub use anchor::Anchor;
-pub use batch::{Batch, Project, Residual, Usage};
+pub(crate) use batch::Residual;
+pub use batch::{Batch, Project};
 pub use bending::Bending;
 pub use distance::Distance;
-pub use enclosed_volume::{EnclosedVolume, Unsolvable};
-pub use kernel::{Kernel, LaneConstraint};
-pub use lanes::{Lane, Several, SimdWidth};
-pub use order::{Schedule, SweepOrder};
+pub use enclosed_volume::EnclosedVolume;
+pub(crate) use kernel::Kernel;
+pub(crate) use kernel::LaneConstraint;
+pub(crate) use lanes::{Lane, Several, SimdWidth};
+pub use order::SweepOrder;
 pub use plane_contact::PlaneContact;
-pub use potential::{Memory, Potential};
+pub use potential::Potential;
 pub use quadratic::Quadratic;
 pub use scalar::Scalar;
 #[cfg(any(test, feature = "testing"))]
@@ -64,7 +64,7 @@ use nalgebra::{Point3, Vector3};
 /// ```
 /// use nalgebra::{Point3, Vector3};
 /// use pliant::constraints::{Batch, Constraint, SweepOrder, Project, Scalar};
-/// use pliant::particles::Particles;
+/// use pliant::Particles;
 ///
 /// /// Height of a particle over the ground [m].
 /// #[derive(Clone, Copy)]
@@ -105,16 +105,6 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
     fn kernel() -> Kernel<Self, K> {
         Kernel::one_by_one()
     }
-}
-
-/// A constraint whose value is known up to a period. It stores C of its last visit; the value
-/// nearest to it counts.
-pub trait Periodic<const K: usize>: Constraint<K> {
-    /// C at the last visit. It is the whole state, because points and parameters never change.
-    fn branch(&self) -> f64;
-
-    /// Stores C.
-    fn set_branch(&mut self, value: f64);
 }
 
 /// Names the kinds of constraints and calls a visitor for each kind. A new constraint needs an

@@ -39,7 +39,7 @@ impl SweepOrder {
 
 /// Visiting order of constraints, with ranges in which no two constraints share a particle.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Schedule {
+pub struct SweepSchedule {
     /// Index of the constraint at each position of the sweep.
     pub sequence: Vec<u32>,
     /// Ranges of positions; the constraints of one range are independent. If `independent` is
@@ -60,7 +60,7 @@ pub fn schedule<const K: usize>(
     points: &[[u32; K]],
     count: usize,
     loaded: &[u32],
-) -> Schedule {
+) -> SweepSchedule {
     let stored = 0..points.len() as u32;
     match order {
         SweepOrder::Coloured => in_blocks(points, count),
@@ -80,14 +80,14 @@ pub fn schedule<const K: usize>(
     }
 }
 
-fn sequential(sequence: Vec<u32>, count: usize) -> Schedule {
+fn sequential(sequence: Vec<u32>, count: usize) -> SweepSchedule {
     let all = 0..sequence.len();
     let block = Block {
         particles: 0..count,
         colours: 0..1,
         places: all.clone(),
     };
-    Schedule {
+    SweepSchedule {
         sequence,
         colours: vec![all],
         independent: false,

@@ -164,6 +164,16 @@ impl SpringLaw for Linear {
     }
 }
 
+impl Linear {
+    /// A spring of `stiffness` [N/m] among other terms, which define the scale of forces.
+    pub fn new(stiffness: f64) -> Self {
+        Self {
+            stiffness,
+            force_scale: 0.0,
+        }
+    }
+}
+
 /// A vector that is a linear function of `K` points. A spring acts along it.
 pub trait Arm<const K: usize>: Copy + Send + Sync + 'static {
     /// Derivative of the vector with respect to each point.
@@ -341,21 +351,15 @@ impl<A: Arm<K>, L: SpringLaw, const K: usize> Stencil<K> for Spring<A, L> {
     }
 }
 
-/// Springs without rest length between points and fixed positions; see [`anchors`].
-pub type Anchors = Stencils<Spring<FromPlace, Linear>, 1>;
+/// Springs between points and fixed positions; see [`anchors`].
+pub type Anchors<L> = Stencils<Spring<FromPlace, L>, 1>;
 
-/// Springs of `stiffness` [N/m] without rest length from fixed positions [m] to points, as the
-/// effect `name`.
-pub fn anchors(
+/// Springs from fixed positions [m] to points, as the effect `name`.
+pub fn anchors<L: SpringLaw>(
     name: &'static str,
-    places: impl IntoIterator<Item = (u32, Point3<f64>)>,
-    stiffness: f64,
-) -> Anchors {
-    let law = Linear {
-        stiffness,
-        force_scale: 0.0,
-    };
-    let anchor = |(point, place)| Spring {
+    places: impl IntoIterator<Item = (u32, Point3<f64>, L)>,
+) -> Anchors<L> {
+    let anchor = |(point, place, law)| Spring {
         arm: FromPlace { point, place },
         law,
     };
@@ -454,7 +458,10 @@ mod tests {
 
     #[test]
     fn anchors_pull_toward_their_places() {
-        let part = anchors("anchors", [(1, Point3::new(0.3, -0.2, 0.1))], 8.0);
+        let part = anchors(
+            "anchors",
+            [(1, Point3::new(0.3, -0.2, 0.1), Linear::new(8.0))],
+        );
         let x = vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)];
         let mut gradient = vec![Vector3::zeros(); 2];
         let energy = part.energy_and_gradient(&x, &mut gradient);

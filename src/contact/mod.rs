@@ -42,7 +42,7 @@
 
 mod active_normals;
 #[cfg(feature = "contact")]
-pub mod broad_phase;
+pub(crate) mod broad_phase;
 pub(crate) mod capsule;
 mod faces;
 #[cfg(feature = "contact")]
@@ -52,10 +52,10 @@ mod nearest;
 pub(crate) mod penetration_response;
 mod plane;
 #[cfg(feature = "contact")]
-mod response;
+pub(crate) mod response;
 #[cfg(not(feature = "contact"))]
 #[path = "absent.rs"]
-mod response;
+pub(crate) mod response;
 pub(crate) mod smooth;
 #[cfg(feature = "contact")]
 pub(crate) mod surface;
@@ -65,19 +65,15 @@ mod triangles;
 pub(crate) mod untangle;
 #[cfg(feature = "contact")]
 mod vertices;
-pub use smooth::{Smooth, SmoothDistance};
 
 #[cfg(feature = "contact")]
-pub use penetration_response::{Length, PenetrationResponse};
-#[cfg(feature = "contact")]
-pub use untangle::{Untangled, untangle};
+pub use untangle::untangle;
 
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-pub use active_normals::ActiveNormals;
-pub use faces::OnTriangle;
+pub(crate) use faces::OnTriangle;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use faces::pseudo_normal;
 #[cfg(all(feature = "contact", feature = "sparse"))]
@@ -85,7 +81,7 @@ pub(crate) use nearest::on_triangle;
 pub use plane::ContactPlane;
 pub use response::Contacts;
 #[cfg(feature = "contact")]
-pub use response::Counts;
+pub(crate) use response::Counts;
 #[cfg(feature = "contact")]
 pub use surface::Surface;
 

@@ -13,9 +13,9 @@ pub(crate) mod jacobian;
 mod reseed;
 pub(crate) mod seeds;
 pub(crate) mod trace;
-pub use cells::Cells;
-pub use field::{Field, FieldError, Flux, Sample};
-pub use trace::HalfStreamline;
+pub(crate) use cells::Cells;
+pub(crate) use field::{Field, FieldError, Flux};
+pub(crate) use trace::HalfStreamline;
 
 use nalgebra::Point3;
 use rayon::prelude::*;

@@ -15,8 +15,7 @@
 pub(crate) mod contour;
 pub(crate) mod coordinates;
 
-pub use contour::Slicer;
-pub use coordinates::{Outline, on_square};
+pub(crate) use contour::Slicer;
 
 use std::collections::BTreeMap;
 

@@ -13,7 +13,7 @@ pub(crate) mod network;
 pub(crate) mod placing;
 pub(crate) mod rings;
 
-pub use network::{Spring, rest, springs};
+pub use network::springs;
 
 use nalgebra::Point3;
 
@@ -103,7 +103,8 @@ pub enum SpringsError {
     NotAtRest {
         /// Steps of Newton's method.
         steps: usize,
-        /// Greatest force, relative to the force of a spring as long as the muscle.
+        /// Root mean square of the residual force, relative to that of the tension of springs
+        /// without rest length.
         force: f64,
     },
     /// The linear system has no solution.

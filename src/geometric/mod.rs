@@ -11,7 +11,4 @@ pub(crate) mod frame;
 pub mod pose;
 pub(crate) mod surface;
 
-pub use surface::{Fineness, surface};
-
-pub use chain::{Caps, Chain, ChainError, ChainShape};
-pub use frame::{Frame, FrameError, Placed};
+pub use chain::{Chain, ChainError, ChainShape};

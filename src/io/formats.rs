@@ -34,10 +34,10 @@ pub enum Format {
 /// Encoding of numbers in a format that permits two (PLY, STL and legacy VTK).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
-    /// As bytes.
+    /// As bytes, in the byte order of the format; PLY: little-endian.
     #[default]
     Binary,
-    /// As text.
+    /// As text: the shortest that gives the same double.
     Text,
 }
 
@@ -137,10 +137,6 @@ pub static FORMATS: [FormatSpec; 9] = [
         is_possible: |_| false,
         read: |bytes, name, _| ply::read(bytes, name),
         write: Some(|path, mesh, lines, encoding| {
-            let encoding = match encoding {
-                Encoding::Binary => ply::PlyEncoding::Little,
-                Encoding::Text => ply::PlyEncoding::Text,
-            };
             ply::write(path, mesh, lines, encoding).map(|()| 0)
         }),
     },
@@ -156,10 +152,6 @@ pub static FORMATS: [FormatSpec; 9] = [
         is_possible: |_| true,
         read: |bytes, name, _| stl::read_binary(bytes, name),
         write: Some(|path, mesh, lines, encoding| {
-            let encoding = match encoding {
-                Encoding::Binary => stl::StlEncoding::Binary,
-                Encoding::Text => stl::StlEncoding::Text,
-            };
             stl::write(path, mesh, encoding).map(|()| lines.len())
         }),
     },
@@ -226,10 +218,6 @@ pub static FORMATS: [FormatSpec; 9] = [
         is_possible: |_| false,
         read: |bytes, name, _| vtk::read(bytes, name),
         write: Some(|path, mesh, lines, encoding| {
-            let encoding = match encoding {
-                Encoding::Binary => vtk::VtkEncoding::Binary,
-                Encoding::Text => vtk::VtkEncoding::Ascii,
-            };
             vtk::write(path, mesh, lines, encoding).map(|()| 0)
         }),
     },

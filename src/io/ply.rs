@@ -5,11 +5,12 @@ mod read;
 use std::io::{self, Write};
 use std::path::Path;
 
+use super::Encoding;
 use super::part::{check_mesh, write_whole};
 use crate::mesh::TriangleMesh;
 pub(super) use read::read;
 
-/// Encoding of the numbers of a PLY file.
+/// Encoding of the numbers of a PLY file, with both byte orders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlyEncoding {
     /// As text: the shortest that gives the same double.
@@ -21,12 +22,29 @@ pub enum PlyEncoding {
 }
 
 /// Writes a mesh with coordinates of type `double` through `NAME.part`. Polylines become edges, one
-/// per pair of successive vertices.
+/// per pair of successive vertices. Binary numbers are little-endian.
 ///
 /// # Errors
 /// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices,
 /// and errors of the operating system.
 pub fn write(
+    path: &Path,
+    mesh: &TriangleMesh,
+    lines: &[Vec<u32>],
+    encoding: Encoding,
+) -> io::Result<()> {
+    let encoding = match encoding {
+        Encoding::Binary => PlyEncoding::Little,
+        Encoding::Text => PlyEncoding::Text,
+    };
+    write_ply(path, mesh, lines, encoding)
+}
+
+/// The same as [`write()`], in either byte order.
+///
+/// # Errors
+/// See [`write()`].
+pub fn write_ply(
     path: &Path,
     mesh: &TriangleMesh,
     lines: &[Vec<u32>],

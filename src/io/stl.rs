@@ -6,11 +6,11 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::MeshFile;
 use super::cursor::{Cursor, finite};
 use super::error::{ReadError, ReadProblem};
 use super::part::{check_mesh, invalid, write_whole};
 use super::surface::Surface;
+use super::{Encoding, MeshFile};
 use crate::mesh::TriangleMesh;
 
 const HEADER_BYTES: usize = 84;
@@ -28,15 +28,6 @@ pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
         .is_some_and(|n| HEADER_BYTES as u64 + FACET_BYTES as u64 * n == bytes.len() as u64)
 }
 
-/// Encoding of the numbers of an STL file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StlEncoding {
-    /// As text: the shortest that gives the same double.
-    Text,
-    /// As binary numbers of 32 bits, the only size of the format: coordinates are rounded.
-    Binary,
-}
-
 /// Writes a mesh through `NAME.part`.
 ///
 /// The format stores corners instead of vertices. Unused vertices are lost. Vertices at one
@@ -46,11 +37,11 @@ pub enum StlEncoding {
 /// # Errors
 /// A coordinate that is not finite, in binary also as a single; an index out of range; more
 /// triangles than 32 bits count; and errors of the operating system.
-pub fn write(path: &Path, mesh: &TriangleMesh, encoding: StlEncoding) -> io::Result<()> {
+pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result<()> {
     check_mesh(mesh, &[])?;
     let count = u32::try_from(mesh.triangles.len())
         .map_err(|_| invalid("more triangles than STL can count"))?;
-    if encoding == StlEncoding::Binary
+    if encoding == Encoding::Binary
         && let Some(i) = mesh
             .vertices
             .iter()
@@ -62,8 +53,8 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: StlEncoding) -> io::Res
     }
     write_whole(path, |w| {
         match encoding {
-            StlEncoding::Text => writeln!(w, "solid pliant")?,
-            StlEncoding::Binary => {
+            Encoding::Text => writeln!(w, "solid pliant")?,
+            Encoding::Binary => {
                 w.write_all(&[b' '; 80])?;
                 w.write_all(&count.to_le_bytes())?;
             }
@@ -76,7 +67,7 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: StlEncoding) -> io::Res
                 .try_normalize(0.0)
                 .filter(|n| n.iter().all(|c| c.is_finite()))
                 .unwrap_or_default();
-            if encoding == StlEncoding::Binary {
+            if encoding == Encoding::Binary {
                 let numbers = normal.iter().chain(corners.iter().flat_map(|c| c.iter()));
                 numbers
                     .copied()
@@ -94,7 +85,7 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: StlEncoding) -> io::Res
             }
             writeln!(w, "  endloop\n endfacet")?;
         }
-        if encoding == StlEncoding::Text {
+        if encoding == Encoding::Text {
             writeln!(w, "endsolid pliant")
         } else {
             Ok(())

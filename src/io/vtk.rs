@@ -6,21 +6,13 @@ mod read;
 use std::io::{self, Write};
 use std::path::Path;
 
+use super::Encoding;
 use super::part::{check_mesh, invalid, write_whole};
 use crate::mesh::TriangleMesh;
 pub(super) use read::read;
 
-/// Encoding of the numbers of a legacy VTK file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum VtkEncoding {
-    /// As text: the shortest that gives the same double.
-    Ascii,
-    /// As big-endian binary numbers.
-    Binary,
-}
-
 /// Writes a mesh and polylines as legacy VTK polydata of version 4.2 with doubles, through
-/// `NAME.part`.
+/// `NAME.part`. Binary numbers are big-endian.
 ///
 /// # Errors
 /// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices,
@@ -29,7 +21,7 @@ pub fn write(
     path: &Path,
     mesh: &TriangleMesh,
     lines: &[Vec<u32>],
-    encoding: VtkEncoding,
+    encoding: Encoding,
 ) -> io::Result<()> {
     let TriangleMesh {
         vertices,
@@ -37,8 +29,8 @@ pub fn write(
     } = mesh;
     check_mesh(mesh, lines)?;
     let word = match encoding {
-        VtkEncoding::Ascii => "ASCII",
-        VtkEncoding::Binary => "BINARY",
+        Encoding::Text => "ASCII",
+        Encoding::Binary => "BINARY",
     };
     write_whole(path, |w| {
         write!(
@@ -48,11 +40,11 @@ pub fn write(
         )?;
         for v in vertices {
             match encoding {
-                VtkEncoding::Ascii => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
-                VtkEncoding::Binary => v.iter().try_for_each(|c| w.write_all(&c.to_be_bytes()))?,
+                Encoding::Text => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
+                Encoding::Binary => v.iter().try_for_each(|c| w.write_all(&c.to_be_bytes()))?,
             }
         }
-        if encoding == VtkEncoding::Binary {
+        if encoding == Encoding::Binary {
             writeln!(w)?;
         }
         write_cells(w, "LINES", lines.iter().map(Vec::as_slice), encoding)?;
@@ -69,7 +61,7 @@ fn write_cells<'a>(
     w: &mut impl Write,
     keyword: &str,
     cells: impl Iterator<Item = &'a [u32]> + Clone,
-    encoding: VtkEncoding,
+    encoding: Encoding,
 ) -> io::Result<()> {
     let (count, size) = cells.clone().fold((0usize, 0usize), |(n, size), cell| {
         (n + 1, size + 1 + cell.len())
@@ -80,12 +72,12 @@ fn write_cells<'a>(
     writeln!(w, "{keyword} {count} {size}")?;
     for cell in cells {
         match encoding {
-            VtkEncoding::Ascii => {
+            Encoding::Text => {
                 write!(w, "{}", cell.len())?;
                 cell.iter().try_for_each(|i| write!(w, " {i}"))?;
                 writeln!(w)?;
             }
-            VtkEncoding::Binary => {
+            Encoding::Binary => {
                 // The format has only signed 32-bit indices.
                 let signed = |i: usize| {
                     i32::try_from(i).map_err(|_| invalid(format!("{i} needs more than 31 bits")))
@@ -97,7 +89,7 @@ fn write_cells<'a>(
             }
         }
     }
-    if encoding == VtkEncoding::Binary {
+    if encoding == Encoding::Binary {
         writeln!(w)
     } else {
         Ok(())
@@ -129,7 +121,7 @@ mod tests {
         )
     }
 
-    pub(super) fn written(encoding: VtkEncoding, name: &str) -> Vec<u8> {
+    pub(super) fn written(encoding: Encoding, name: &str) -> Vec<u8> {
         let (mesh, lines) = sample();
         let path = Scratch::file(name);
         write(&path, &mesh, &lines, encoding).unwrap();
@@ -146,8 +138,8 @@ mod tests {
         };
         let (mesh, lines) = sample();
         for (encoding, name) in [
-            (VtkEncoding::Ascii, "ascii.vtk"),
-            (VtkEncoding::Binary, "binary.vtk"),
+            (Encoding::Text, "ascii.vtk"),
+            (Encoding::Binary, "binary.vtk"),
         ] {
             let file = read_bytes(&written(encoding, name), name).unwrap();
             assert_eq!(bits(&file.mesh), bits(&mesh));
@@ -159,7 +151,7 @@ mod tests {
             ..mesh
         };
         let path = Scratch::file("lines.vtk");
-        write(&path, &only_lines, &lines, VtkEncoding::Ascii).unwrap();
+        write(&path, &only_lines, &lines, Encoding::Text).unwrap();
         assert_eq!(crate::io::read(&path).unwrap().lines, lines);
     }
 
@@ -167,11 +159,11 @@ mod tests {
     fn wrong_meshes_are_not_written() {
         let (mesh, _) = sample();
         let path = Scratch::file("never.vtk");
-        assert!(write(&path, &mesh, &[vec![0]], VtkEncoding::Ascii).is_err());
-        assert!(write(&path, &mesh, &[vec![0, 4]], VtkEncoding::Ascii).is_err());
+        assert!(write(&path, &mesh, &[vec![0]], Encoding::Text).is_err());
+        assert!(write(&path, &mesh, &[vec![0, 4]], Encoding::Text).is_err());
         let mut nan = mesh;
         nan.vertices[1].y = f64::NAN;
-        assert!(write(&path, &nan, &[], VtkEncoding::Binary).is_err());
+        assert!(write(&path, &nan, &[], Encoding::Binary).is_err());
         assert!(!path.exists());
     }
 }

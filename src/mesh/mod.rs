@@ -8,7 +8,7 @@ pub(crate) mod health;
 pub(crate) mod inside;
 pub(crate) mod isosurface;
 pub mod measures;
-pub mod order;
+pub(crate) mod order;
 pub(crate) mod orientation;
 pub(crate) mod predicates;
 pub(crate) mod refine;
@@ -16,18 +16,17 @@ pub(crate) mod repair;
 pub mod shapes;
 pub(crate) mod sum;
 pub(crate) mod topology;
+pub(crate) mod union_find;
 pub(crate) mod winding;
 
-pub use closest::{SurfaceTree, TriangleProjection, closest_on_triangle};
+pub use closest::{SurfaceTree, closest_on_triangle};
 pub use cut::{Cut, cut, filled};
 pub use health::{Finding, FindingKind, FindingPlace, Repair};
-pub use inside::{Inside, ParityLine};
+pub use inside::Inside;
 pub use orientation::Orientation;
 pub use repair::{
     Deviation, LONGEST_RIM, RepairChange, RepairOptions, RepairStep, Repaired, deviation, repair,
 };
-pub use sum::{NeumaierSum, tree_sum};
-pub use winding::{WindingTree, winding_number_direct};
 
 use nalgebra::Point3;
 
@@ -36,8 +35,8 @@ pub use isosurface::isosurface;
 pub use measures::Aabb;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use refine::refine_patch;
-pub use refine::{RefineError, RefineReport, Refined, refine};
-pub use topology::{Components, Topology};
+pub use refine::{RefineError, Refined, refine};
+pub use topology::Topology;
 
 /// A triangle mesh: vertex positions [m] and triangles of vertex indices, counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]

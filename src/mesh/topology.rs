@@ -2,6 +2,7 @@
 //! and manifold.
 
 use super::TriangleMesh;
+use super::union_find::UnionFind;
 
 /// Marks the absence of a triangle, edge or component in the arrays of [`Topology`].
 pub const NONE: u32 = u32::MAX;
@@ -267,14 +268,10 @@ impl Topology {
             }
         }
         sides.sort_unstable();
-        let mut parents: Vec<u32> = (0..ring.len() as u32).collect();
+        let mut sets = UnionFind::new(ring.len());
         let mut fans = ring.len();
         for pair in sides.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
-            let (a, b) = (root(&mut parents, pair[0].1), root(&mut parents, pair[1].1));
-            if a != b {
-                parents[a.max(b) as usize] = a.min(b);
-                fans -= 1;
-            }
+            fans -= usize::from(sets.join(pair[0].1, pair[1].1));
         }
         fans
     }
@@ -302,11 +299,9 @@ impl Topology {
 
     /// The connected components, numbered by their lowest vertex.
     pub fn components(&self) -> Components {
-        let mut parents: Vec<u32> = (0..self.vertex_count as u32).collect();
+        let mut sets = UnionFind::new(self.vertex_count);
         for &[a, b] in &self.edges {
-            let (a, b) = (root(&mut parents, a), root(&mut parents, b));
-            // The lower root wins, so that the lowest vertex identifies a component.
-            parents[a.max(b) as usize] = a.min(b);
+            sets.join(a, b);
         }
         let mut labels = vec![NONE; self.vertex_count];
         let mut count = 0;
@@ -314,7 +309,7 @@ impl Topology {
             if self.triangles_of_vertex(v as usize).is_empty() {
                 continue;
             }
-            let top = root(&mut parents, v);
+            let top = sets.root(v);
             if top == v {
                 labels[v as usize] = count as u32;
                 count += 1;
@@ -348,15 +343,6 @@ impl Topology {
         }
         (starts, neighbours)
     }
-}
-
-fn root(parents: &mut [u32], mut v: u32) -> u32 {
-    while parents[v as usize] != v {
-        let up = parents[parents[v as usize] as usize];
-        parents[v as usize] = up;
-        v = up;
-    }
-    v
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 
 use super::curve::{Roughness, extremes, moment_arms, roughness};
 use super::reference::{Comparison, ReferenceCurve, ReferenceError, Table};
-use super::sweep::{Crossing, Running};
+use super::sweep::{CrossingMuscle, SweepRun};
 
 /// Moment arms of a muscle.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ fn mean(of: &[Vec<f64>], k: usize) -> f64 {
 impl Arms {
     /// Moment arms of a muscle from the record of a sweep. Smoothing uses `around` values on each
     /// side, see [`moment_arms`].
-    pub fn new(muscle: &Crossing, running: &Running, around: usize) -> Self {
+    pub fn new(muscle: &CrossingMuscle, running: &SweepRun, around: usize) -> Self {
         let values = muscle.lengths.len();
         let count = muscle.fibres.len();
         let lengths: Vec<Vec<f64>> = (0..count)

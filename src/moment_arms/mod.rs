@@ -11,11 +11,10 @@ pub(crate) mod arms;
 pub(crate) mod curve;
 pub(crate) mod names;
 pub(crate) mod reference;
-pub(crate) mod shares;
+pub(crate) mod joint_weights;
 pub(crate) mod sweep;
-pub use names::means;
 
 pub use arms::Arms;
-pub use curve::{Roughness, extremes, moment_arms};
-pub use reference::{Comparison, ReferenceCurve, ReferenceError, Table};
-pub use sweep::{By, Crossing, Running, Sweep, SweepError};
+pub use curve::{extremes, moment_arms};
+pub use reference::{ReferenceError, Table};
+pub use sweep::{CrossingMuscle, MuscleStepper, Sweep, SweepError, SweepRun};

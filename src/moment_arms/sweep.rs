@@ -16,7 +16,7 @@ use crate::fibres::polyline::length;
 use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::max_or_nan;
-use crate::moment_arms::shares::{Distances, distances, shares};
+use crate::moment_arms::joint_weights::{Distances, distances, joint_weights};
 use crate::scene::{AreaSpec, Joint, Key, Minimisation, Motion, Scene, Solver};
 use crate::simulation::Stepper;
 use crate::simulation::tracked::{self, Tracked, TrackedParts};
@@ -68,15 +68,15 @@ pub struct Sweep {
     /// Settings of the fibres of each muscle.
     pub fibres: harmonic::HarmonicOptions,
     /// Stepper that moves the muscles.
-    pub by: By,
+    pub by: MuscleStepper,
 }
 
 /// Stepper that moves the muscles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum By {
+pub enum MuscleStepper {
     /// Every vertex turns about the joint by a share of its angle. The share varies over the muscle
     /// from 0 at the attachment to resting bones to 1 at the attachment to turning bones
-    /// ([`super::shares`]). From this shape, tone, bones and volume bring the muscle to rest. Each
+    /// ([`super::joint_weights`]). From this shape, tone, bones and volume bring the muscle to rest. Each
     /// angle has exactly one such shape, and the shape depends smoothly on the angle.
     #[default]
     Spread,
@@ -84,7 +84,7 @@ pub enum By {
     Scene,
 }
 
-/// Error of [`Running::new`].
+/// Error of [`SweepRun::new`].
 #[derive(Debug, thiserror::Error)]
 pub enum SweepError {
     /// The range is empty or too wide, or the step is invalid.
@@ -139,7 +139,7 @@ pub enum SweepError {
 
 /// A muscle that crosses the joint, with its measures so far.
 #[derive(Debug)]
-pub struct Crossing {
+pub struct CrossingMuscle {
     /// Name of the muscle.
     pub name: String,
     /// Fibres at rest, from the resting to the turning bones [m].
@@ -165,12 +165,12 @@ pub struct Crossing {
     /// The frame at which the simulation of the muscle stopped, and the cause.
     pub stopped: Option<(usize, Broken)>,
     /// Share of the joint's angle of each vertex; empty where the scene's solver moves the muscle.
-    shares: Vec<f64>,
+    joint_weights: Vec<f64>,
     bound: BoundVolume,
     now: Vec<Vec<Point3<f64>>>,
 }
 
-impl Crossing {
+impl CrossingMuscle {
     /// The fibres at the last angle [m].
     pub fn now(&self) -> &[Vec<Point3<f64>>] {
         &self.now
@@ -178,11 +178,11 @@ impl Crossing {
 }
 
 /// A sweep in progress.
-pub struct Running {
+pub struct SweepRun {
     /// The scene; its motion is the sweep.
     pub simulation: Simulation,
     /// Muscles that cross the joint, in the order of `simulation.bodies`.
-    pub muscles: Vec<Crossing>,
+    pub muscles: Vec<CrossingMuscle>,
     /// Muscles that do not cross the joint.
     pub left_out: Vec<String>,
     /// All values of the angle \[rad\].
@@ -196,7 +196,7 @@ pub struct Running {
     done: usize,
 }
 
-impl Running {
+impl SweepRun {
     /// Prepares a scene: its joint turns from the given pose to the first angle, rests, and turns
     /// on.
     ///
@@ -223,7 +223,7 @@ impl Running {
         if !crossing.contains(&true) {
             return Err(SweepError::NothingCrosses(sweep.joint.clone()));
         }
-        if sweep.by == By::Spread {
+        if sweep.by == MuscleStepper::Spread {
             // One step per frame; the muscles over the joint have their own solver.
             scene.solver = Solver::QuasiStatic(CORRECTION);
             hold_all(&mut scene);
@@ -244,12 +244,12 @@ impl Running {
             .iter()
             .map(|body| cross(body, &turning, sweep.fibres));
         let mut muscles = muscles.collect::<Result<Vec<_>, _>>()?;
-        if sweep.by == By::Spread {
+        if sweep.by == MuscleStepper::Spread {
             let near = near_bones(&simulation, &turning);
             let placed = simulation.placed().to_vec();
             let bones = smooth_bones(&simulation);
             for ((muscle, body), near) in muscles.iter_mut().zip(&mut simulation.bodies).zip(near) {
-                muscle.shares = track(body, (&near, &bones), &placed, &turning)?;
+                muscle.joint_weights = track(body, (&near, &bones), &placed, &turning)?;
             }
         }
         let mut running = Self {
@@ -291,7 +291,7 @@ impl Running {
                     body.rest
                         .vertices
                         .iter()
-                        .zip(&muscle.shares)
+                        .zip(&muscle.joint_weights)
                         .map(turned)
                         .collect(),
                 );
@@ -539,9 +539,10 @@ fn track(
         .iter()
         .map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 }))
         .collect();
-    let shares = shares(&body.rest, &Topology::new(&body.rest), near, &held).map_err(failed)?;
+    let joint_weights =
+        joint_weights(&body.rest, &Topology::new(&body.rest), near, &held).map_err(failed)?;
     body.method = Stepper::Tracked(Box::new(made));
-    Ok(shares)
+    Ok(joint_weights)
 }
 
 /// Fibres of a muscle from its attachment to resting bones to its attachment to turning bones.
@@ -549,7 +550,7 @@ fn cross(
     body: &Body,
     turning: &[bool],
     options: harmonic::HarmonicOptions,
-) -> Result<Crossing, SweepError> {
+) -> Result<CrossingMuscle, SweepError> {
     let muscle = body.name.clone();
     if body.rest.triangles.is_empty() || !Topology::new(&body.rest).is_closed() {
         return Err(SweepError::Open(muscle));
@@ -578,7 +579,7 @@ fn cross(
     })?;
     let jacobian = found.jacobian(&body.rest, &areas);
     let quality = quality::measure(&body.rest, &found.closed, &areas, &found.fibres, jacobian);
-    Ok(Crossing {
+    Ok(CrossingMuscle {
         name: muscle,
         physiological_area: body.rest.volume() / quality.length_mean_m,
         quality,
@@ -590,7 +591,7 @@ fn cross(
         volume_error: 0.0,
         unconverged: 0,
         stopped: None,
-        shares: Vec::new(),
+        joint_weights: Vec::new(),
         bound: BoundVolume::new(&body.rest, &found.fibres),
         now: found.fibres.clone(),
         fibres: found.fibres,

@@ -4,7 +4,7 @@
 //! similar parts coincide ([`pose`], [`align`]), and get common vertices ([`overlay`]); [`between`]
 //! does all of this. [`blend`] computes intermediate shapes.
 
-pub mod align;
+pub(crate) mod align;
 pub mod blend;
 pub(crate) mod correspondence;
 pub(crate) mod distortion;
@@ -14,19 +14,16 @@ pub(crate) mod overlay;
 pub(crate) mod pose;
 pub mod register;
 mod shape_similarity;
-pub mod sphere;
+pub(crate) mod sphere;
 mod warp;
 
 pub use correspondence::{
-    Alike, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, CorrespondenceTimes,
-    Shared,
+    CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, Shared,
 };
 pub use distortion::area_shares;
-pub use locate::{Located, Locator};
-pub use overlay::{OverlayError, OverlayOrigin, arcs_cross};
-pub use pose::{Start, axes};
+pub use pose::axes;
 
+pub use align::AlignError;
 pub use correspondence::Correspondence;
 pub use distortion::Distortion;
-pub use overlay::Overlay;
-pub use sphere::{SphereError, SphereMap};
+pub use sphere::{Relaxation, SphereError, flipped};

@@ -28,21 +28,19 @@ pub(crate) mod study;
 mod tree;
 pub mod units;
 
-pub use content::{
-    BallSpec, FillCourse, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec,
-    SkinSurface, Support,
-};
-pub use effects::{EFFECTS, MaterialSpec, material_constants};
-pub use keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
+pub use content::{FillCourse, ImplantFill, LatticeScene, SkinScene, SkinSurface, Support};
+pub use effects::EFFECTS;
+pub use keys::{KeySpec, KeyValue, Slider};
 pub use solvers::SOLVERS;
-pub use study::{Combine, StudyChange, Varied};
+pub use study::{Combine, StudyChange};
 
 pub use crate::constraints::SweepOrder;
 pub use content::Content;
 pub use effects::{Anisotropy, ContactEffect, EffectSpec, Effects, Mass, Material, Volume};
-pub use error::{SceneError, SceneProblem};
+pub use error::SceneError;
+pub(crate) use error::SceneProblem;
 pub use guess::likely_units;
-pub use origin::SceneOrigin;
+pub(crate) use origin::SceneOrigin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
 pub use solvers::{Minimisation, Pbd, Solver, SolverQuestion, SolverSpec, Xpbd};

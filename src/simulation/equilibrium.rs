@@ -8,7 +8,7 @@ use crate::constraints::Potential;
 use crate::contact::{ContactPlane, Contacts, PosedObstacle};
 use crate::particles::Particles;
 use crate::scene::{self, Effects};
-use crate::solvers::descent::{DescentOutcome, DescentSettings, Guard, Unguarded};
+use crate::solvers::descent::{ContactFilter, DescentOutcome, DescentSettings, NoContact};
 use crate::solvers::energy::{Energy, Inertia};
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
@@ -116,23 +116,23 @@ impl Equilibrium {
         let x = &mut system.particles.position;
         let outcome = match &mut system.contacts {
             None => {
-                self.solver.follow(x, &held, &mut Unguarded);
-                self.solver.solve(x, &mut Unguarded, |_, _| true)
+                self.solver.follow(x, &held, &mut NoContact);
+                self.solver.solve(x, &mut NoContact, |_, _| true)
             }
             Some(contacts) => {
-                let mut guard = Bones {
+                let mut bones = Bones {
                     contacts,
                     placed: placed.to_vec(),
                     scratch: &mut self.scratch,
                 };
-                self.solver.follow(x, &held, &mut guard);
+                self.solver.follow(x, &held, &mut bones);
                 // A bone can move without any of its attached vertices.
-                if guard.moves() {
+                if bones.moves() {
                     let before = x.clone();
-                    guard.push(&before, x);
-                    guard.accept(x);
+                    bones.push(&before, x);
+                    bones.accept(x);
                 }
-                self.solver.solve(x, &mut guard, |_, _| true)
+                self.solver.solve(x, &mut bones, |_, _| true)
             }
         };
         system.particles.velocity.fill(Vector3::zeros());
@@ -222,8 +222,8 @@ impl Bones<'_> {
     }
 }
 
-impl Guard for Bones<'_> {
-    fn rows(&self) -> Vec<ContactPlane> {
+impl ContactFilter for Bones<'_> {
+    fn planes(&self) -> Vec<ContactPlane> {
         self.contacts.contact_planes()
     }
 

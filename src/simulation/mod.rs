@@ -2,7 +2,7 @@
 
 pub(crate) mod assets;
 pub(crate) mod attachments;
-pub mod audit;
+pub(crate) mod audit;
 pub(crate) mod body;
 pub mod checkpoint;
 mod effects;
@@ -17,13 +17,11 @@ pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod skin;
 mod steer;
-pub use equilibrium::Equilibrium;
-pub use tracked::{Tracked, TrackedParts};
 
 pub use attachments::component;
 pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
-pub use plan::{LeftOut, MusclePlan, Planned};
+pub use plan::{LeftOut, Planned};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
 
 use std::sync::Arc;
@@ -31,15 +29,17 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-pub use assets::{Assets, MuscleAsset};
-pub use body::{Body, Stepper};
-pub use fault::{Fault, LoadError, Unfit};
+pub use assets::Assets;
+pub use body::Body;
+pub(crate) use body::Stepper;
+pub use fault::{Fault, LoadError};
 pub use measures::Measures;
 pub use plan::Plan;
 pub use run::{Ended, Observer, run};
+pub(crate) use scenario::BodyState;
 pub use scenario::{
-    BodyDescription, BodyState, FrameState, Scenario, ScenarioError, ScenarioKind,
-    SceneDescription, Stepped, scenario, scenario_with,
+    BodyDescription, FrameState, Scenario, ScenarioError, ScenarioKind, SceneDescription, Stepped,
+    scenario, scenario_with,
 };
 
 use crate::contact::broad_phase::BroadPhase;
@@ -147,9 +147,9 @@ impl Simulation {
 
     /// Sets another method of contact search with bones, for comparison with the default hierarchy;
     /// capsules have no triangles. Distances agree up to rounding, and so do results.
-    pub fn set_contact_way(&mut self, way: &BroadPhase) {
+    pub fn set_broad_phase(&mut self, method: &BroadPhase) {
         for (placed, mesh) in self.placed.iter_mut().zip(&self.bones) {
-            placed.obstacle = way.obstacle(mesh);
+            placed.obstacle = method.obstacle(mesh);
         }
     }
 

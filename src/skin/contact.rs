@@ -54,7 +54,7 @@ pub enum On {
     /// The lower layer of the skin.
     Skin,
     /// One of the surfaces below.
-    Bed(u32),
+    Support(u32),
 }
 
 /// A gap with its derivatives with respect to the vertex and the corners.

@@ -58,9 +58,9 @@ pub(super) struct Detector<'a> {
 
 impl<'a> Detector<'a> {
     pub fn new(model: &'a SkinSystem) -> Self {
-        let bed = model.layers.bed();
+        let support = model.layers.support();
         let mut areas = vec![0.0; model.layers.count()];
-        areas.extend(at_least_mean(bed.vertex_areas()));
+        areas.extend(at_least_mean(support.vertex_areas()));
         areas.extend(
             model
                 .implants
@@ -73,7 +73,7 @@ impl<'a> Detector<'a> {
             .map(|i| Surface::new(&i.mesh))
             .zip(model.firsts())
             .collect();
-        let (lower, lifts) = (Arc::new(Topology::new(&bed)), BTreeMap::new());
+        let (lower, lifts) = (Arc::new(Topology::new(&support)), BTreeMap::new());
         Self {
             model,
             areas,
@@ -132,9 +132,9 @@ impl<'a> Detector<'a> {
             let layer = SupportSurface::with(layer, self.lower.clone());
             touches.extend((2 * n as u32..all).filter_map(|v| self.under_skin(&layer, v, x)));
         }
-        for k in 0..self.model.beds.len() {
+        for k in 0..self.model.supports.len() {
             let each = lower.iter().copied().chain(2 * n as u32..all);
-            touches.extend(each.filter_map(|v| self.over_bed(k, v, x, look)));
+            touches.extend(each.filter_map(|v| self.over_support(k, v, x, look)));
         }
         let radius = BENDS * self.model.base;
         for t in &mut touches {
@@ -221,13 +221,19 @@ impl<'a> Detector<'a> {
     }
 
     /// Contact of a vertex with the surface below.
-    fn over_bed(&self, bed: usize, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
+    fn over_support(
+        &self,
+        support: usize,
+        vertex: u32,
+        x: &[Point3<f64>],
+        look: f64,
+    ) -> Option<Touch> {
         let at = x[vertex as usize];
-        let on = self.model.beds[bed].nearest(&at, look)?;
+        let on = self.model.supports[support].nearest(&at, look)?;
         let over = Over::Plane(on.point, on.away(&at));
         Some(Touch::new(
             vertex,
-            On::Bed(bed as u32),
+            On::Support(support as u32),
             over,
             self.stiffness(vertex, 1.0),
             self.soft,

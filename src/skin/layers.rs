@@ -189,7 +189,7 @@ impl Layers {
     }
 
     /// The lower layer at rest as a mesh.
-    pub fn bed(&self) -> TriangleMesh {
+    pub fn support(&self) -> TriangleMesh {
         TriangleMesh {
             vertices: self.rest[self.count()..].to_vec(),
             triangles: self.triangles.clone(),

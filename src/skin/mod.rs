@@ -37,17 +37,16 @@ pub(crate) mod whole;
 
 pub use areas::{CAVEATS, GROWN_SOURCE, RETRACTED_SOURCE, stretches};
 pub use coarse::halved_near;
-pub use implant::{Implant, SILICONE, upper};
-pub use layers::{Layers, Tissue, springs_of};
-pub use plan::{ImplantPlace, PreparedPatch, Shell, Site, over_ball};
-pub use region::{Region, frame};
-pub use settle::{FilledImplant, SettleMethod, SettleProgress, SkinSystem, deepest};
-pub use support_surface::{SupportPlace, SupportSurface};
+pub use implant::{Implant, SILICONE};
+pub use layers::{Layers, Tissue};
+pub use plan::{ImplantPlace, PreparedPatch, Shell};
+pub use region::frame;
+pub use settle::{SettleMethod, SettleProgress, deepest};
 pub use together::{Group, grouped};
 pub use whole::Whole;
 
 pub use areas::{Areas, Interval};
-pub use ball::Ball;
+pub(crate) use ball::Ball;
 pub use error::SkinError;
 pub use fill::{Filling, Schedule};
 pub use plan::{ImplantSpec, Inserted, insert};

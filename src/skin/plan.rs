@@ -441,7 +441,7 @@ pub fn over_ball(
         layers,
         membrane,
         implants: Vec::new(),
-        beds: Vec::new(),
+        supports: Vec::new(),
         ball: Some((centre, radius)),
         base: 2.0 * radius,
         method,

@@ -16,12 +16,12 @@ use super::layers::Layers;
 use super::support_surface::SupportSurface;
 use super::thickness::{Thickness, thickness};
 use crate::constraints::distance::Distance;
-use crate::constraints::spring::anchors;
+use crate::constraints::spring::{Linear, anchors};
 use crate::constraints::{EnclosedVolume, Quadratic};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 use crate::rest::{End, Relax, all_within, relax};
-use crate::solvers::descent::{DescentOutcome, DescentSettings, Unguarded};
+use crate::solvers::descent::{DescentOutcome, DescentSettings, NoContact};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
 use crate::solvers::quasi_static::QuasiStatic;
@@ -105,7 +105,7 @@ pub struct SkinSystem {
     /// Implants in order.
     pub implants: Vec<FilledImplant>,
     /// Surfaces that support the lower layer and the implants.
-    pub beds: Vec<SupportSurface>,
+    pub supports: Vec<SupportSurface>,
     /// A rigid sphere under the lower layer: centre and radius [m].
     pub ball: Option<(Point3<f64>, f64)>,
     /// Base length of the smallest implant, the length scale of the tolerances [m].
@@ -416,8 +416,9 @@ impl SkinSystem {
             let alone = self.layers.springs.is_empty();
             let shell = envelope(&implant.springs, &implant.stiffness, alone);
             energy.elastic.push(Box::new(shell));
-            let places = implant.pocket.iter().map(|&v| (v, start[v as usize]));
-            let pocket = anchors("anchors", places, POCKET * self.membrane);
+            let law = Linear::new(POCKET * self.membrane);
+            let places = implant.pocket.iter();
+            let pocket = anchors("anchors", places.map(|&v| (v, start[v as usize], law)));
             energy.elastic.push(Box::new(pocket));
         }
         energy.volumes = self.volumes();
@@ -515,7 +516,7 @@ impl SkinSystem {
                 iterations: INNER_QUASI_STATIC,
             };
             let mut solver = QuasiStatic::new(energy, x, inverse_mass, settings).map_err(failed)?;
-            let outcome = solver.solve(x, &mut Unguarded, |_, _| true);
+            let outcome = solver.solve(x, &mut NoContact, |_, _| true);
             return Ok((outcome, solver.pressures));
         }
         let newton = match newton {

@@ -169,7 +169,7 @@ impl PreparedPatch {
         volumes: &[f64],
     ) -> Result<(SkinSystem, Vec<Point3<f64>>), SkinError> {
         let (mut implants, mut lift) = (Vec::new(), vec![0.0; self.layers.rest.len()]);
-        let (bed, mut first) = (Surface::new(&self.layers.bed()), lift.len() as u32);
+        let (support, mut first) = (Surface::new(&self.layers.support()), lift.len() as u32);
         for ((order, frame), volume) in self.sites().zip(volumes) {
             let implant = Implant {
                 volume: *volume,
@@ -180,7 +180,7 @@ impl PreparedPatch {
             lift.iter_mut()
                 .zip(own)
                 .for_each(|(lift, own)| *lift = f64::max(*lift, own));
-            let filled = self.filled(&implant, dome, &bed, frame, first)?;
+            let filled = self.filled(&implant, dome, &support, frame, first)?;
             first += filled.mesh.vertices.len() as u32;
             implants.push(filled);
         }
@@ -195,15 +195,15 @@ impl PreparedPatch {
             .zip(&lift);
         let mut x: Vec<Point3<f64>> = risen.map(|((p, down), lift)| p - down * *lift).collect();
         x.extend(implants.iter().flat_map(|implant| &implant.mesh.vertices));
-        let beds = match &self.obstacles[..] {
-            [] => vec![SupportSurface::new(self.layers.bed())],
+        let supports = match &self.obstacles[..] {
+            [] => vec![SupportSurface::new(self.layers.support())],
             some => some.to_vec(),
         };
         let model = SkinSystem {
             layers: self.layers.clone(),
             membrane: self.order.tissue.membrane(),
             implants,
-            beds,
+            supports,
             ball: None,
             base: self
                 .sites()
@@ -219,7 +219,7 @@ impl PreparedPatch {
         &self,
         implant: &Implant,
         dome: TriangleMesh,
-        bed: &Surface,
+        support: &Surface,
         frame: &Isometry3<f64>,
         first: u32,
     ) -> Result<FilledImplant, SkinError> {
@@ -233,10 +233,10 @@ impl PreparedPatch {
         for p in &mut mesh.vertices {
             // The same height as over a plane.
             let from = frame * Point3::new(p.x, p.y, over);
-            let (t, w) = bed
+            let (t, w) = support
                 .first_hit(&from, &down)
                 .ok_or(SkinError::Beyond { bulge })?;
-            let corners = bed.triangles()[t as usize].map(|v| bed.positions()[v as usize]);
+            let corners = support.triangles()[t as usize].map(|v| support.positions()[v as usize]);
             let foot =
                 corners[0] + (corners[1] - corners[0]) * w[1] + (corners[2] - corners[0]) * w[2];
             *p = foot - down * p.z;

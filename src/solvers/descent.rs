@@ -134,9 +134,9 @@ fn is_kept(volume: &EnclosedVolume, x: &[Point3<f64>]) -> bool {
 }
 
 /// Keeps vertices out of obstacles during the minimisation.
-pub trait Guard {
+pub trait ContactFilter {
     /// The contact planes of vertices near an obstacle.
-    fn rows(&self) -> Vec<ContactPlane>;
+    fn planes(&self) -> Vec<ContactPlane>;
     /// Height above a plane at which a vertex touches [m].
     fn touching(&self) -> f64;
     /// Moves vertices that entered an obstacle on their path from `start` back to its surface.
@@ -146,10 +146,10 @@ pub trait Guard {
 }
 
 /// No obstacles.
-pub struct Unguarded;
+pub struct NoContact;
 
-impl Guard for Unguarded {
-    fn rows(&self) -> Vec<ContactPlane> {
+impl ContactFilter for NoContact {
+    fn planes(&self) -> Vec<ContactPlane> {
         Vec::new()
     }
     fn touching(&self) -> f64 {

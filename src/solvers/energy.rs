@@ -40,10 +40,15 @@ pub struct Energy {
 }
 
 impl Energy {
+    /// The elastic parts, then compliant obstacles.
+    fn parts(&self) -> impl Iterator<Item = &dyn Potential> {
+        let elastic = self.elastic.iter().map(|part| &**part);
+        elastic.chain(self.press.iter().map(|press| press as &dyn Potential))
+    }
+
     /// Energy [J] at positions `x` [m], without that of volumes.
     pub fn value(&self, x: &[Point3<f64>]) -> f64 {
-        let pressed = self.press.as_ref().map_or(0.0, |press| press.energy(x));
-        self.elastic.iter().map(|part| part.energy(x)).sum::<f64>() + pressed + self.of_loads(x)
+        self.parts().map(|part| part.energy(x)).sum::<f64>() + self.of_loads(x)
     }
 
     /// Energy [J] without that of volumes; writes its gradient [N].
@@ -91,7 +96,7 @@ impl Energy {
     /// Calls `pair` with every two vertices that the second derivative couples; for volumes, with
     /// the ends of their edges.
     pub fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        self.elastic.iter().for_each(|part| part.pairs(pair));
+        self.parts().for_each(|part| part.pairs(pair));
         for [a, b, c] in self.volumes.iter().flat_map(EnclosedVolume::triangles) {
             pair(*a, *b);
             pair(*b, *c);
@@ -108,12 +113,7 @@ impl Energy {
         convex: bool,
         add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
     ) {
-        self.elastic
-            .iter()
-            .for_each(|part| part.hessian(x, convex, add));
-        self.press
-            .iter()
-            .for_each(|press| press.hessian(x, convex, add));
+        self.parts().for_each(|part| part.hessian(x, convex, add));
         if let Some(inertia) = &self.inertia {
             let each = inertia.weight.iter().enumerate();
             each.for_each(|(i, w)| add(i as u32, i as u32, &Matrix3::from_diagonal_element(*w)));
@@ -130,9 +130,7 @@ impl Energy {
     /// vertices. The matrix approximates the second derivative near `x`, equally in all directions
     /// of space.
     pub fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        self.elastic
-            .iter()
-            .for_each(|part| part.scalar_hessian(x, add));
+        self.parts().for_each(|part| part.scalar_hessian(x, add));
         if let Some(inertia) = &self.inertia {
             inertia
                 .weight
@@ -144,7 +142,7 @@ impl Energy {
 
     /// A force [N] to judge forces on a vertex by: that of a strain of one.
     pub fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        max_or_nan(self.elastic.iter().map(|part| part.force_scale(x)))
+        max_or_nan(self.parts().map(|part| part.force_scale(x)))
     }
 
     /// Lets constraints that are known up to a period take note of where they are.

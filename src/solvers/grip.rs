@@ -7,7 +7,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::constraints::Project;
-use crate::constraints::spring::{Anchors, anchors};
+use crate::constraints::spring::{Anchors, Linear, anchors};
 use crate::particles::{Packed, Particles};
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -39,8 +39,8 @@ impl Grip {
     }
 
     /// The energy, for an equilibrium.
-    pub fn potential(&self) -> Anchors {
-        anchors(DRAG, [(self.vertex, self.to)], self.stiffness)
+    pub fn potential(&self) -> Anchors<Linear> {
+        anchors(DRAG, [(self.vertex, self.to, Linear::new(self.stiffness))])
     }
 
     /// The displacement [m] of a vertex at `x` with inverse mass `w` [1/kg] in one sweep: the

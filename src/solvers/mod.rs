@@ -29,17 +29,16 @@ mod step;
 pub(crate) mod tension;
 pub(crate) mod tracking;
 #[cfg(feature = "sparse")]
-mod unknowns;
-pub use press::Press;
+pub(crate) mod unknowns;
 
 #[cfg(feature = "sparse")]
-pub use descent::{DescentOutcome, DescentProblem, DescentSettings, Guard, Unguarded};
-pub use energy::{Energy, Inertia};
+pub use descent::{ContactFilter, DescentOutcome, DescentSettings, NoContact};
+pub use energy::Energy;
 #[cfg(feature = "sparse")]
 pub use newton::Newton;
 #[cfg(feature = "sparse")]
 pub use quasi_static::QuasiStatic;
 #[cfg(feature = "sparse")]
-pub use sparse::{Factor, FactorError};
+pub use sparse::FactorError;
 
-pub use step::{Broken, Clock, DIVERGENCE, Held, StepSettings, System, effect_of_name};
+pub use step::{Broken, DIVERGENCE, Held, StepSettings, System, effect_of_name};

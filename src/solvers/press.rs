@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::constraints::Potential;
 use crate::contact::smooth::{Smooth, SmoothDistance};
 use crate::mesh::measures::max_or_nan;
 use crate::mesh::sum::tree_sum_by;
@@ -124,13 +125,22 @@ impl Press {
             * tree_sum_by(touching.len(), |k| touching[k].short.powi(3))
     }
 
-    /// Energy [J] at positions `x` [m].
-    pub fn energy(&self, x: &[Point3<f64>]) -> f64 {
+    /// Least height over an obstacle relative to the band; below 0 a sample is inside an obstacle.
+    pub fn left(&self, x: &[Point3<f64>]) -> f64 {
+        1.0 - max_or_nan(self.touching(x).iter().map(|t| t.short).chain([0.0])) / self.thickness
+    }
+}
+
+impl Potential for Press {
+    fn name(&self) -> &'static str {
+        "contact"
+    }
+
+    fn energy(&self, x: &[Point3<f64>]) -> f64 {
         self.of(&self.touching(x))
     }
 
-    /// Energy [J]; adds its gradient [N].
-    pub fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
+    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         let touching = self.touching(x);
         for Touching {
             sample,
@@ -147,9 +157,11 @@ impl Press {
         self.of(&touching)
     }
 
-    /// Calls `add` with the blocks of the second derivative [N/m]; with `convex`, without possibly
-    /// indefinite parts.
-    pub fn hessian(
+    /// The two vertices of a sample are the ends of an edge, which a spring couples already.
+    fn pairs(&self, _: &mut dyn FnMut(u32, u32)) {}
+
+    /// With `convex`, without possibly indefinite parts.
+    fn hessian(
         &self,
         x: &[Point3<f64>],
         convex: bool,
@@ -175,10 +187,8 @@ impl Press {
         }
     }
 
-    /// Least height over an obstacle relative to the band; below 0 a sample is inside an obstacle.
-    pub fn left(&self, x: &[Point3<f64>]) -> f64 {
-        1.0 - max_or_nan(self.touching(x).iter().map(|t| t.short).chain([0.0])) / self.thickness
-    }
+    /// Zero: the matrix does not depend on the samples in the band.
+    fn scalar_hessian(&self, _: &[Point3<f64>], _: &mut dyn FnMut(u32, u32, f64)) {}
 }
 
 #[cfg(test)]

@@ -14,7 +14,9 @@ use std::convert::Infallible;
 use nalgebra::{Point3, Vector3};
 
 use super::active::{Active, Touched};
-use super::descent::{DescentOutcome, DescentProblem, DescentSettings, Guard, ROUNDED, State};
+use super::descent::{
+    ContactFilter, DescentOutcome, DescentProblem, DescentSettings, ROUNDED, State,
+};
 use super::energy::Energy;
 use super::history::{Field, History};
 use super::sparse::FactorError;
@@ -38,7 +40,7 @@ const NOTED: u32 = 8;
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
-/// use pliant::solvers::{DescentSettings, Unguarded};
+/// use pliant::solvers::{DescentSettings, NoContact};
 /// use pliant::{Distance, Energy, Quadratic, QuasiStatic};
 ///
 /// // A spring of 100 N/m and 1 m hangs from a held point and carries 10 N.
@@ -51,7 +53,7 @@ const NOTED: u32 = 8;
 /// };
 /// let settings = DescentSettings { tolerance: 1e-9, iterations: 100 };
 /// let mut solver = QuasiStatic::new(energy, &x, &[0.0, 1.0], settings)?;
-/// let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
+/// let outcome = solver.solve(&mut x, &mut NoContact, |_, _| true);
 /// assert!(outcome.converged);
 /// assert!((x[1].z + 1.1).abs() <= 1e-9);
 /// # Ok::<(), pliant::solvers::FactorError>(())
@@ -111,7 +113,7 @@ impl QuasiStatic {
         &mut self,
         x: &mut [Point3<f64>],
         held: &[(u32, Point3<f64>)],
-        guard: &mut impl Guard,
+        contact: &mut impl ContactFilter,
     ) {
         let mut displacement = vec![Vector3::zeros(); x.len()];
         held.iter()
@@ -134,10 +136,10 @@ impl QuasiStatic {
             self.active = Active::default();
             self.spreads.0.clear();
         }
-        self.stay_over(&guard.rows(), x);
-        guard.push(&start, x);
+        self.stay_over(&contact.planes(), x);
+        contact.push(&start, x);
         self.keep_volumes(x);
-        guard.accept(x);
+        contact.accept(x);
         self.problem.energy.remember(x);
     }
 
@@ -146,7 +148,7 @@ impl QuasiStatic {
     pub fn solve(
         &mut self,
         x: &mut [Point3<f64>],
-        guard: &mut impl Guard,
+        contact: &mut impl ContactFilter,
         mut watch: impl FnMut(&DescentOutcome, &[Point3<f64>]) -> bool,
     ) -> DescentOutcome {
         self.keep_volumes(x);
@@ -156,7 +158,7 @@ impl QuasiStatic {
         let mut descent = Descent {
             solver: self,
             x,
-            guard,
+            contact,
             state,
             multipliers,
             rows: Vec::new(),
@@ -234,7 +236,7 @@ impl QuasiStatic {
         state: &State,
         direction: &[Vector3<f64>],
         rows: &[ContactPlane],
-        guard: &mut impl Guard,
+        contact: &mut impl ContactFilter,
         outcome: &mut DescentOutcome,
     ) -> Option<(Vec<Point3<f64>>, State)> {
         let Self {
@@ -247,7 +249,7 @@ impl QuasiStatic {
         } = self;
         problem.search(x, state, direction, outcome, |end| {
             lift(problem, laplacian, touched, active, rows, end);
-            guard.push(x, end);
+            contact.push(x, end);
             problem.keep_volumes(end, spreads)
         })
     }
@@ -290,7 +292,7 @@ impl QuasiStatic {
 struct Descent<'a, G> {
     solver: &'a mut QuasiStatic,
     x: &'a mut [Point3<f64>],
-    guard: &'a mut G,
+    contact: &'a mut G,
     state: State,
     multipliers: Vec<f64>,
     /// The planes that vertices near an obstacle must stay over.
@@ -299,24 +301,24 @@ struct Descent<'a, G> {
     outcome: DescentOutcome,
 }
 
-impl<G: Guard> Relax for Descent<'_, G> {
+impl<G: ContactFilter> Relax for Descent<'_, G> {
     type Error = Infallible;
 
     fn judge(&mut self) -> Result<bool, Infallible> {
         let Self {
             solver,
             x,
-            guard,
+            contact,
             state,
             multipliers,
             rows,
             direction,
             outcome,
         } = self;
-        *rows = guard.rows();
+        *rows = contact.planes();
         let pressed = solver
             .problem
-            .pressed(x, state, multipliers, rows, guard.touching());
+            .pressed(x, state, multipliers, rows, contact.touching());
         if pressed != solver.active.rows() {
             let unknowns = &solver.problem.unknowns;
             solver.active = solver
@@ -345,14 +347,14 @@ impl<G: Guard> Relax for Descent<'_, G> {
         let Self {
             solver,
             x,
-            guard,
+            contact,
             state,
             multipliers,
             rows,
             direction,
             outcome,
         } = self;
-        let Some((end, new)) = solver.search(x, state, direction, rows, *guard, outcome) else {
+        let Some((end, new)) = solver.search(x, state, direction, rows, *contact, outcome) else {
             if solver.history.is_empty() {
                 return Ok(false);
             }
@@ -368,7 +370,7 @@ impl<G: Guard> Relax for Descent<'_, G> {
         if outcome.iterations.is_multiple_of(NOTED) {
             solver.problem.energy.remember(x);
         }
-        guard.accept(x);
+        contact.accept(x);
         *state = new;
         Ok(true)
     }

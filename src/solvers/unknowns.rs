@@ -5,6 +5,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::energy::Energy;
 use super::sparse::{Factor, FactorError};
+use crate::mesh::union_find::UnionFind;
 
 /// Number of fields to which the inverse is applied at once: a direction and the gradient of a
 /// volume.
@@ -76,31 +77,23 @@ fn first_loose(unknowns: &Unknowns, energy: &Energy, to_held: &[(u32, u32, f64)]
     if energy.inertia.is_some() {
         return None;
     }
-    let mut above: Vec<u32> = (0..unknowns.free.len() as u32).collect();
-    let root = |above: &mut [u32], mut i: u32| {
-        while above[i as usize] != i {
-            above[i as usize] = above[above[i as usize] as usize];
-            i = above[i as usize];
-        }
-        i
-    };
+    let mut sets = UnionFind::new(unknowns.free.len());
     // By elastic parts alone: the pattern of the volume joins vertices without a force between
     // them.
     energy.elastic.iter().for_each(|part| {
         part.pairs(&mut |a, b| {
             if let (Some(i), Some(j)) = (unknowns.of(a), unknowns.of(b)) {
-                let (i, j) = (root(&mut above, i), root(&mut above, j));
-                above[i.max(j) as usize] = i.min(j);
+                sets.join(i, j);
             }
         });
     });
-    let mut is_held = vec![false; above.len()];
+    let mut is_held = vec![false; unknowns.free.len()];
     for &(i, _, value) in to_held.iter().filter(|(_, _, value)| *value != 0.0) {
         debug_assert!(value.is_finite());
-        is_held[root(&mut above, i) as usize] = true;
+        is_held[sets.root(i) as usize] = true;
     }
-    (0..above.len() as u32)
-        .find(|&i| !is_held[root(&mut above, i) as usize])
+    (0..is_held.len() as u32)
+        .find(|&i| !is_held[sets.root(i) as usize])
         .map(|i| i as usize)
 }
 

@@ -3,22 +3,19 @@
 use nalgebra::Point3;
 
 use super::hooke::Hooke;
-use super::pairs::{Law, PairError};
-use crate::constraints::Stencils;
-use crate::constraints::spring::{FromPlace, Spring};
+use super::spring_set::{Law, PairError};
+use crate::constraints::spring::{self, Anchors};
 
-/// Springs between points and fixed positions, such as the springs of rest length 0 that pull skin
-/// back.
-pub type Anchors = Stencils<Spring<FromPlace, Hooke>, 1>;
-
-/// Creates anchors of `count` points from triples of point, fixed position [m] and spring.
+/// Creates anchors of `count` points from triples of point, fixed position [m] and spring, such as
+/// the springs of rest length 0 that pull skin back. They are sorted, so that the order of the
+/// input does not matter.
 ///
 /// # Errors
 /// A point out of range, or a position or a parameter that is not finite.
 pub fn anchors(
     count: usize,
     anchors: impl IntoIterator<Item = (u32, Point3<f64>, Hooke)>,
-) -> Result<Anchors, PairError> {
+) -> Result<Anchors<Hooke>, PairError> {
     let mut anchors: Vec<(u32, Point3<f64>, Hooke)> = anchors.into_iter().collect();
     for (spring, &(point, place, law)) in anchors.iter().enumerate() {
         if point as usize >= count {
@@ -39,12 +36,5 @@ pub fn anchors(
         )
     };
     anchors.sort_by_key(key);
-    let spring = |(point, place, law)| Spring {
-        arm: FromPlace { point, place },
-        law,
-    };
-    Ok(Stencils::new(
-        "anchors",
-        anchors.into_iter().map(spring).collect(),
-    ))
+    Ok(spring::anchors("anchors", anchors))
 }

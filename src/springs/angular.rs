@@ -1,7 +1,7 @@
 //! Angular springs: from a point to the midpoint of two opposite neighbours \[nedel1998\].
 
 use super::hooke::Hooke;
-use super::pairs::{Law, PairError};
+use super::spring_set::{Law, PairError};
 use crate::constraints::Stencils;
 use crate::constraints::spring::{Spring, ToMiddle};
 

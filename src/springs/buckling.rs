@@ -1,6 +1,6 @@
 //! The buckling law of cloth: a strip that bends under compression and has no other resistance.
 
-use super::pairs::{Law, Pairs};
+use super::spring_set::{Law, SpringSet};
 use crate::constraints::spring::SpringLaw;
 
 /// Greatest number of Newton steps for the angle of an arc; the function is smooth and monotonic,
@@ -27,7 +27,7 @@ pub struct Buckling {
 }
 
 /// Springs with the buckling law.
-pub type Strips = Pairs<Buckling>;
+pub type Strips = SpringSet<Buckling>;
 
 /// `sin y/y`.
 fn sinc(y: f64) -> f64 {

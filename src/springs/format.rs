@@ -10,7 +10,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::hooke::{Hooke, Springs};
-use super::pairs::PairError;
+use super::spring_set::PairError;
 use crate::io::cursor::{Cursor, coordinate, count, integer, number};
 use crate::io::{FilePlace, MAX_FILE_BYTES, ReadError, ReadProblem, write_whole};
 

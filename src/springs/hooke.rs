@@ -1,6 +1,6 @@
 //! The linear spring.
 
-use super::pairs::{Law, Pairs};
+use super::spring_set::{Law, SpringSet};
 use crate::constraints::spring::SpringLaw;
 
 /// Hooke's law: the tension is `stiffness (length - rest)`; the force on point i is `k (|x_ij| - l)
@@ -18,7 +18,7 @@ pub struct Hooke {
 }
 
 /// Linear springs.
-pub type Springs = Pairs<Hooke>;
+pub type Springs = SpringSet<Hooke>;
 
 impl Law for Hooke {
     const NAME: &'static str = "springs";

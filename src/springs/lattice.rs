@@ -31,7 +31,7 @@ mod error;
 mod kernel;
 mod rest;
 mod shape;
-mod stability;
+pub(crate) mod stability;
 
 use std::collections::HashMap;
 
@@ -39,9 +39,9 @@ use aligned::Aligned;
 pub use error::LatticeError;
 use error::value;
 use kernel::{Carried, Frame, Sloped, Spring};
-pub use rest::{LatticeRestSettings, LatticeSettled};
+pub use rest::LatticeRestSettings;
 pub use shape::LatticeShape;
-pub use stability::{largest_stiffness, stability_limit};
+pub(crate) use stability::{largest_stiffness, stability_limit};
 
 use super::damping::{self, DampedBody};
 use super::neighbours::Neighbours;

@@ -1,7 +1,7 @@
 //! Stiffness of springs along the edges of a triangle mesh from material constants.
 
 use super::hooke::{Hooke, Springs};
-use super::pairs::PairError;
+use super::spring_set::PairError;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::triangle_areas;
 use crate::mesh::topology::Topology;

@@ -8,14 +8,14 @@ use crate::constraints::Scalar;
 
 /// A value and a first-order bound on its rounding error, in units of `f64::EPSILON` (running error analysis).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tracked {
+pub struct TrackedNumber {
     /// The value.
     pub value: f64,
     /// Sum of the absolute values of rounded terms.
     pub error: f64,
 }
 
-impl Tracked {
+impl TrackedNumber {
     fn exact(value: f64) -> Self {
         Self { value, error: 0.0 }
     }
@@ -50,17 +50,17 @@ impl Tracked {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dual {
     /// The value.
-    pub real: Tracked,
+    pub real: TrackedNumber,
     /// Derivative.
-    pub slope: Tracked,
+    pub slope: TrackedNumber,
 }
 
 impl Dual {
     /// The variable itself: slope 1.
     pub fn variable(value: f64) -> Self {
         Self {
-            real: Tracked::exact(value),
-            slope: Tracked::exact(1.0),
+            real: TrackedNumber::exact(value),
+            slope: TrackedNumber::exact(1.0),
         }
     }
 }
@@ -140,8 +140,8 @@ impl One for Dual {
 impl Scalar for Dual {
     fn of(value: f64) -> Self {
         Self {
-            real: Tracked::exact(value),
-            slope: Tracked::exact(0.0),
+            real: TrackedNumber::exact(value),
+            slope: TrackedNumber::exact(0.0),
         }
     }
     fn real(self) -> f64 {
@@ -149,7 +149,7 @@ impl Scalar for Dual {
     }
     fn sqrt(self) -> Self {
         let root = self.real.value.sqrt();
-        let real = Tracked::rounded(root, self.real.error / (2.0 * root));
+        let real = TrackedNumber::rounded(root, self.real.error / (2.0 * root));
         Self {
             real,
             slope: self.slope.over(real.plus(real)),
@@ -160,7 +160,7 @@ impl Scalar for Dual {
         let square = x.real.times(x.real).plus(y.real.times(y.real));
         let inherited =
             (x.real.value.abs() * y.real.error + y.real.value.abs() * x.real.error) / square.value;
-        let real = Tracked::rounded(libm::atan2(y.real.value, x.real.value), inherited);
+        let real = TrackedNumber::rounded(libm::atan2(y.real.value, x.real.value), inherited);
         let slope = x
             .real
             .times(y.slope)

@@ -9,6 +9,8 @@ mod conformance;
 mod controls;
 mod draw;
 mod dual;
+#[cfg(feature = "testing")]
+pub mod internals;
 mod loaders;
 mod mending;
 mod mutations;
@@ -25,7 +27,7 @@ pub use collections::check_collection;
 pub use conformance::{Failure, check, check_constraint};
 pub use controls::{BrokenConstraint, CONTROLS};
 pub use draw::Draw;
-pub use dual::{Dual, Tracked};
+pub use dual::{Dual, TrackedNumber};
 pub use loaders::{
     Breach, LoadOutcome, Loader, check_loader, check_reader, check_scene, check_target, loaders,
 };

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 
 use super::loaders::{Breach, LoadOutcome};
-use crate::io::{MeshFile, Warning, obj, ply, read, stl, vtk, vtp};
+use crate::io::{Encoding, MeshFile, Warning, obj, ply, read, stl, vtk, vtp};
 use crate::mesh::TriangleMesh;
 
 /// Greatest number of vertices, so that an index is one byte.
@@ -35,13 +35,13 @@ const WRITERS: [Writer; 9] = [
     },
     Writer {
         name: "t.vtk",
-        write: |p, (m, l)| vtk::write(p, m, l, vtk::VtkEncoding::Ascii),
+        write: |p, (m, l)| vtk::write(p, m, l, Encoding::Text),
         keeps_lines: true,
         corners: None,
     },
     Writer {
         name: "b.vtk",
-        write: |p, (m, l)| vtk::write(p, m, l, vtk::VtkEncoding::Binary),
+        write: |p, (m, l)| vtk::write(p, m, l, Encoding::Binary),
         keeps_lines: true,
         corners: None,
     },
@@ -53,31 +53,31 @@ const WRITERS: [Writer; 9] = [
     },
     Writer {
         name: "t.ply",
-        write: |p, (m, _)| ply::write(p, m, &[], ply::PlyEncoding::Text),
+        write: |p, (m, _)| ply::write(p, m, &[], Encoding::Text),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "l.ply",
-        write: |p, (m, _)| ply::write(p, m, &[], ply::PlyEncoding::Little),
+        write: |p, (m, _)| ply::write(p, m, &[], Encoding::Binary),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "b.ply",
-        write: |p, (m, _)| ply::write(p, m, &[], ply::PlyEncoding::Big),
+        write: |p, (m, _)| ply::write_ply(p, m, &[], ply::PlyEncoding::Big),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "t.stl",
-        write: |p, (m, _)| stl::write(p, m, stl::StlEncoding::Text),
+        write: |p, (m, _)| stl::write(p, m, Encoding::Text),
         keeps_lines: false,
         corners: Some(|c| c + 0.0),
     },
     Writer {
         name: "b.stl",
-        write: |p, (m, _)| stl::write(p, m, stl::StlEncoding::Binary),
+        write: |p, (m, _)| stl::write(p, m, Encoding::Binary),
         keeps_lines: false,
         corners: Some(|c| f64::from(c as f32) + 0.0),
     },

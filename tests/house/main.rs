@@ -5,6 +5,7 @@ mod flags;
 mod order;
 mod packages;
 mod quiet;
+mod surface;
 mod touched;
 
 use std::fs;

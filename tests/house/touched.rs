@@ -7,9 +7,8 @@ use std::fs;
 use std::path::Path;
 
 use pliant::io::FORMATS;
-use pliant::scene::{
-    EFFECTS, KeyKind, KeySpec, KeyValue, Limit, Material, SOLVERS, Slider, material_constants,
-};
+use pliant::scene::{EFFECTS, KeySpec, KeyValue, Material, SOLVERS, Slider};
+use pliant::testing::internals::scene::{KeyKind, Limit, material_constants};
 
 /// A file: its path from the root and its code.
 type Source = (String, String);

@@ -9,9 +9,9 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use nalgebra::{Point3, Vector3};
+use pliant::accuracy::choose;
 use pliant::accuracy::{
-    self, FrameDistance, SolverQuestion, Status, Study, StudyError, StudyOptions, StudyRow, choose,
-    measure,
+    FrameDistance, SolverQuestion, Status, Study, StudyError, StudyOptions, StudyRow, measure,
 };
 use pliant::io::Encoding;
 use pliant::mesh::shapes::{icosphere, tube};
@@ -169,7 +169,7 @@ fn errors_of_a_motion_fall_towards_its_reference() {
     for other in study
         .rows
         .iter()
-        .filter(|r| accuracy::reaches(r, chosen.target * study.length))
+        .filter(|r| pliant::testing::internals::accuracy::reaches(r, chosen.target * study.length))
     {
         assert!(row.time_s <= other.time_s, "{other:?} is faster");
     }

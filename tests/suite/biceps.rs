@@ -1,10 +1,9 @@
 //! The geometric muscle: sample values of the digest, its errata as controls, properties of random
 //! chains, meshes, frames, files.
 
-use pliant::geometric::{
-    Caps, Chain, ChainError, ChainShape, Fineness, Frame, FrameError, file, surface,
-};
+use pliant::geometric::{Chain, ChainError, ChainShape, file};
 use pliant::mesh::{Topology, measures};
+use pliant::testing::internals::geometric::{Caps, Fineness, Frame, FrameError, surface};
 use proptest::prelude::*;
 
 use crate::tolerances::{T1, T14};

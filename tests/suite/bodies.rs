@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{Batch, Bending, Distance, EnclosedVolume, SweepOrder, dihedral};
 use pliant::contact::{Obstacle, PosedObstacle, Surface};
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::particles::Particles;
 use pliant::solvers::{StepSettings, System};
 
 /// No gravity, no damping, no limit.

@@ -1,11 +1,13 @@
 //! All methods of contact search find the same; the bit grid keeps its bounds.
 
 use nalgebra::{Point3, Vector3};
-use pliant::contact::broad_phase::{BitGrid, BruteForce, Fill, METHODS, NearestTriangle, Searched};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{box_surface, icosphere, tube};
 use pliant::testing::Draw;
+use pliant::testing::internals::contact::broad_phase::{
+    BitGrid, BruteForce, Fill, METHODS, NearestTriangle, Searched,
+};
 
 use crate::tolerances::{T1, cases};
 
@@ -110,7 +112,11 @@ fn error(mesh: &TriangleMesh, found: &dyn Obstacle, draw: &mut Draw, points: usi
 
 #[test]
 fn every_way_finds_what_the_hierarchy_finds() {
-    let sorted: Vec<(String, usize, &pliant::contact::broad_phase::BroadPhase)> = METHODS
+    let sorted: Vec<(
+        String,
+        usize,
+        &pliant::testing::internals::contact::broad_phase::BroadPhase,
+    )> = METHODS
         .iter()
         .flat_map(|k| {
             k.sizes

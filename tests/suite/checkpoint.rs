@@ -317,7 +317,8 @@ fn p44_lanes_and_threads_do_not_matter() {
         .expect("a pool");
     let mut again = resumed(&scene, &kept).expect("its own checkpoint");
     let batches = again.bodies.iter_mut().flat_map(|b| &mut b.system.elastic);
-    batches.for_each(|batch| batch.set_width(pliant::constraints::SimdWidth::One));
+    batches
+        .for_each(|batch| batch.set_width(pliant::testing::internals::constraints::SimdWidth::One));
     pool.install(|| again.step_frame());
     assert!(bytes_of(&again) == bytes_of(&straight));
 }
@@ -358,7 +359,7 @@ fn p44_control_what_is_forgotten_or_changed_shows() {
 }
 
 /// Offset of the first coordinate of the first free vertex.
-fn straight_position(kept: &[u8], particles: &pliant::particles::Particles) -> usize {
+fn straight_position(kept: &[u8], particles: &pliant::Particles) -> usize {
     let free = particles
         .inverse_mass
         .iter()

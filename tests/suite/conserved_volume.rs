@@ -2,12 +2,13 @@
 //! balance of pressure with a finite bulk modulus, and the sums that define a volume (P36).
 
 use nalgebra::{Point3, Rotation3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{Distance, EnclosedVolume, Project, SweepOrder};
+use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{icosphere, tube};
-use pliant::mesh::{NeumaierSum, TriangleMesh, tree_sum};
-use pliant::particles::Particles;
 use pliant::solvers::System;
+use pliant::testing::internals::mesh::{NeumaierSum, tree_sum};
 
 use crate::bodies::{batch, edges, finite, hinges, settings};
 use crate::tolerances::{T6, worst};

@@ -2,12 +2,13 @@
 //! P18).
 
 use nalgebra::{Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{
-    Bending, Constraint, Distance, ForEachKind, KINDS, Parameter, Project, Scalar, Spec,
-    SweepOrder, TetrahedronVolume, TriangleContact, for_each_kind,
+    Bending, Constraint, Distance, KINDS, Project, Scalar, SweepOrder, TetrahedronVolume,
+    TriangleContact, for_each_kind,
 };
+use pliant::constraints::{ForEachKind, Parameter, Spec};
 use pliant::mesh::shapes::icosphere;
-use pliant::particles::Particles;
 use pliant::solvers::System;
 use pliant::testing::{Draw, Dual};
 

@@ -2,14 +2,14 @@
 //! reports this.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use pliant::Particles;
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface, untangle};
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::mesh::{Inside, TriangleMesh};
-use pliant::particles::Particles;
-use pliant::simulation::audit;
 use pliant::solvers::System;
 use pliant::testing::Draw;
+use pliant::testing::internals::simulation::audit;
 
 use crate::bodies::{elastic, finite, settings, still};
 use crate::tolerances::{T6, T13, cases};

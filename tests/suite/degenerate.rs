@@ -3,11 +3,11 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{
     Bending, Constraint, Distance, EnclosedVolume, Project, SweepOrder, TetrahedronVolume,
 };
 use pliant::mesh::shapes::{icosphere, tetrahedron};
-use pliant::particles::Particles;
 use pliant::scene::builtin::load;
 use pliant::simulation::Simulation;
 use pliant::solvers::Broken;

@@ -1,12 +1,15 @@
 //! The same bits for any number of threads and any order within a colour (P42, P43).
 
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::{Batch, Block, Constraint, Distance, Project, SweepOrder};
+use pliant::Particles;
+use pliant::constraints::{Batch, Constraint, Distance, Project, SweepOrder};
 use pliant::contact::Contacts;
 use pliant::mesh::shapes::icosphere;
-use pliant::mesh::{Topology, TriangleMesh, order, tree_sum};
-use pliant::particles::{Numbering, Particles};
+use pliant::mesh::{Topology, TriangleMesh};
 use pliant::testing::Draw;
+use pliant::testing::internals::constraints::Block;
+use pliant::testing::internals::mesh::{order, tree_sum};
+use pliant::testing::internals::particles::Numbering;
 
 use crate::bodies::{batch, bits, edges, elastic, finite, hinges, still};
 

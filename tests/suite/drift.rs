@@ -5,7 +5,7 @@
 //! damping: it must fail here.
 
 use nalgebra::{Point3, Vector3};
-use pliant::particles::Particles;
+use pliant::Particles;
 use pliant::solvers::System;
 
 use crate::bodies::{chain, settings};

@@ -6,11 +6,12 @@ use std::hash::{Hash, Hasher};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
-use pliant::io::vtk::{VtkEncoding, write};
+use pliant::io::Encoding;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::scene::{Surroundings, parse_with};
 use pliant::simulation::Simulation;
+use pliant::testing::internals::io::vtk::write;
 use proptest::prelude::*;
 
 use crate::bodies::bits;
@@ -59,7 +60,7 @@ fn folder() -> &'static PathBuf {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("effects");
         std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
         let put = |name: &str, mesh: &TriangleMesh, lines: &[Vec<u32>]| {
-            write(&folder.join(name), mesh, lines, VtkEncoding::Ascii)
+            write(&folder.join(name), mesh, lines, Encoding::Text)
                 .expect("the folder of tests can be written");
         };
         let down = |mut mesh: TriangleMesh, by: f64| {

@@ -1,11 +1,11 @@
 //! The enclosed volume is kept exactly, or balances its pressure (P36, acceptance numbers of the digest).
 
 use nalgebra::{Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{EnclosedVolume, Project, SweepOrder, TetrahedronVolume};
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{icosphere, tetrahedron, tube};
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::particles::Particles;
 
 use crate::bodies::{batch, edges, elastic, finite};
 use crate::tolerances::{T6, T7, T14, worst};

@@ -3,17 +3,19 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use pliant::constraints::{
-    Bending, Constraint, Distance, EnclosedVolume, ForEachKind, Potential, Quadratic, Second, Spec,
-    for_each_kind,
+    Bending, Constraint, Distance, EnclosedVolume, Potential, Quadratic, for_each_kind,
 };
+use pliant::constraints::{ForEachKind, Spec};
 use pliant::contact::ContactPlane;
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::make;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::solvers::{
-    DescentSettings, Energy, Factor, FactorError, Guard, Newton, QuasiStatic, Unguarded, stiffness,
+    ContactFilter, DescentSettings, Energy, FactorError, Newton, NoContact, QuasiStatic, stiffness,
 };
 use pliant::testing::Draw;
+use pliant::testing::internals::constraints::Second;
+use pliant::testing::internals::solvers::Factor;
 
 use crate::tolerances::{T2, T3, T7, T15, worst};
 
@@ -193,8 +195,8 @@ impl Tube {
             QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings)
                 .expect("held");
         let mut x = self.mesh.vertices.clone();
-        solver.follow(&mut x, &self.held(pose, both), &mut Unguarded);
-        let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
+        solver.follow(&mut x, &self.held(pose, both), &mut NoContact);
+        let outcome = solver.solve(&mut x, &mut NoContact, |_, _| true);
         assert!(outcome.converged, "{outcome:?}");
         x
     }
@@ -289,8 +291,8 @@ struct Floor {
     height: f64,
 }
 
-impl Guard for Floor {
-    fn rows(&self) -> Vec<ContactPlane> {
+impl ContactFilter for Floor {
+    fn planes(&self) -> Vec<ContactPlane> {
         let origin = Point3::new(0.0, self.height, 0.0);
         let row = |v| ContactPlane {
             terms: [(v, 1.0), (v, 0.0), (v, 0.0)],
@@ -360,7 +362,7 @@ fn a_tube_on_a_floor_balances_its_weight() {
     let mut free = tube.mesh.vertices.clone();
     assert!(
         solver
-            .solve(&mut free, &mut Unguarded, |_, _| true)
+            .solve(&mut free, &mut NoContact, |_, _| true)
             .converged
     );
     assert!(
@@ -512,7 +514,7 @@ fn several_volumes_are_kept_at_once() {
         // Newton's method continues from the result of the other solver, which conserves volumes
         // from the first step on.
         let mut first = QuasiStatic::new(energy, &x, &inverse_mass, settings).expect("held");
-        assert!(first.solve(&mut x, &mut Unguarded, |_, _| true).converged);
+        assert!(first.solve(&mut x, &mut NoContact, |_, _| true).converged);
         let kept = |x: &[Point3<f64>]| -> Vec<f64> {
             let (one, two) = x.split_at(x.len() / 2);
             [one, two]
@@ -574,7 +576,7 @@ fn several_volumes_are_kept_far_from_the_origin() {
         };
         let mut solver =
             QuasiStatic::new(energy, &x.clone(), &inverse_mass, settings).expect("held");
-        let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
+        let outcome = solver.solve(&mut x, &mut NoContact, |_, _| true);
         assert!(outcome.converged, "{away} m: {outcome:?}");
         solver.pressures[0]
     });

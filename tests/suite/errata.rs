@@ -1,17 +1,18 @@
 //! Errata of the first source that no other file shows; `docs/errata.md` lists all of them.
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{Batch, Constraint, Distance, Project, Scalar, SweepOrder};
-use pliant::contact::broad_phase::{BitGrid, Fill, NearestTriangle, Voxels};
 use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
-use pliant::io::{read_bytes, vtk};
+use pliant::io::{Encoding, read_bytes};
 use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::mesh::{Inside, TriangleMesh};
-use pliant::particles::Particles;
 use pliant::scene::builtin::load;
 use pliant::scene::{Effects, Solver};
 use pliant::simulation::Simulation;
 use pliant::solvers::System;
+use pliant::testing::internals::contact::broad_phase::{BitGrid, Fill, NearestTriangle, Voxels};
+use pliant::testing::internals::io::vtk;
 
 use crate::bodies::{batch, settings, still};
 use crate::tolerances::{T1, T10};
@@ -75,8 +76,7 @@ fn a13_the_encodings_of_legacy_vtk_are_ascii_and_binary() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
     let path = folder.join("a13.vtk");
     let mesh = box_surface([1.0, 2.0, 3.0], 1.0);
-    vtk::write(&path, &mesh, &[], vtk::VtkEncoding::Binary)
-        .expect("the folder of tests can be written");
+    vtk::write(&path, &mesh, &[], Encoding::Binary).expect("the folder of tests can be written");
     let bytes = std::fs::read(&path).expect("it was written");
     let text = String::from_utf8_lossy(&bytes);
     assert_eq!(text.lines().nth(2), Some("BINARY"));

@@ -2,13 +2,14 @@
 //! input.
 
 use nalgebra::{Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{
-    Batch, Bending, Constraint, Distance, EnclosedVolume, Kernel, Lane, LaneConstraint, Periodic,
-    Project, Scalar, Several, SimdWidth, SweepOrder,
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Project, Scalar, SweepOrder,
 };
 use pliant::mesh::shapes::icosphere;
-use pliant::particles::Particles;
 use pliant::testing::Draw;
+use pliant::testing::internals::constraints::{Kernel, Periodic};
+use pliant::testing::internals::constraints::{Lane, LaneConstraint, Several, SimdWidth};
 
 use crate::bodies::{bits, edges, finite, hinges};
 

@@ -7,13 +7,13 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, Vector3};
 
-use pliant::simd::{Number, SimdWidth};
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{
     Lattice, LatticeError, LatticeRestSettings, LatticeSettings, LatticeShape, Stiffness,
-    largest_stiffness, stability_limit,
 };
 use pliant::testing::Draw;
+use pliant::testing::internals::simd::{Number, SimdWidth};
+use pliant::testing::internals::springs::lattice::{largest_stiffness, stability_limit};
 
 use crate::tolerances::worst;
 

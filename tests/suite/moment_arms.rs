@@ -7,7 +7,7 @@ use pliant::io;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes::{icosphere, tube};
-use pliant::moment_arms::{Arms, By, Running, Sweep, SweepError};
+use pliant::moment_arms::{Arms, MuscleStepper, Sweep, SweepError, SweepRun};
 use pliant::progress::Silent;
 use pliant::scene::{Scene, parse};
 use pliant::simulation::run;
@@ -83,7 +83,7 @@ fn sweep(from: f64, to: f64) -> Sweep {
         count: 12,
         points: 9,
     };
-    let (joint, by) = ("hinge".to_owned(), By::Spread);
+    let (joint, by) = ("hinge".to_owned(), MuscleStepper::Spread);
     Sweep {
         joint,
         axis: None,
@@ -96,8 +96,8 @@ fn sweep(from: f64, to: f64) -> Sweep {
     }
 }
 
-fn swept(scene: Scene, sweep: &Sweep) -> Running {
-    let mut running = Running::new(scene, sweep).expect("ready");
+fn swept(scene: Scene, sweep: &Sweep) -> SweepRun {
+    let mut running = SweepRun::new(scene, sweep).expect("ready");
     run(&mut running, &mut [], &Silent);
     assert_eq!(running.done(), running.angles.len());
     running
@@ -193,7 +193,7 @@ fn the_shape_depends_on_the_angle_alone() {
 fn what_cannot_be_swept_says_why() {
     let refused = |change: &dyn Fn(String) -> String, sweep: &Sweep| {
         let (_folder, scene) = scene("refused", change);
-        match Running::new(scene, sweep) {
+        match SweepRun::new(scene, sweep) {
             Ok(_) => panic!("taken"),
             Err(error) => error,
         }
@@ -239,7 +239,7 @@ fn what_cannot_be_swept_says_why() {
     ));
     let (_folder, taken) = scene("taken", same);
     assert!(
-        Running::new(taken, &named("lower")).is_ok(),
+        SweepRun::new(taken, &named("lower")).is_ok(),
         "control: a bone's name will do"
     );
 }

@@ -17,9 +17,11 @@ use pliant::contact::Surface;
 use pliant::mesh::measures::{area, max_or_nan};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::skin::{
-    FilledImplant, Filling, ImplantPlace, ImplantSpec, Inserted, Layers, PreparedPatch, SILICONE,
-    Schedule, SettleMethod, SettleProgress, Shell, SkinError, SkinSystem, SupportSurface, Tissue,
-    halved_near, insert, over_ball, springs_of,
+    Filling, ImplantPlace, ImplantSpec, Inserted, Layers, PreparedPatch, SILICONE, Schedule,
+    SettleMethod, SettleProgress, Shell, SkinError, Tissue, halved_near, insert,
+};
+use pliant::testing::internals::skin::{
+    FilledImplant, SkinSystem, SupportSurface, over_ball, springs_of,
 };
 
 use axisymmetric::Membrane;
@@ -238,7 +240,7 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (SkinSystem, SettleProgre
             volume,
             pocket,
         }],
-        beds: vec![
+        supports: vec![
             SupportSurface::new(sheet(4, 0.2)),
             SupportSurface::new(ball),
         ],

@@ -1,8 +1,8 @@
 //! Orders, energies and equilibria of the step (P37 to P41).
 
 use nalgebra::{Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{Batch, Distance, Project, SweepOrder};
-use pliant::particles::Particles;
 use pliant::solvers::System;
 
 use crate::bodies::{batch, chain};

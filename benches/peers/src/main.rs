@@ -18,7 +18,7 @@ use nalgebra::Vector3;
 use pliant::constraints::{Batch, EnclosedVolume, SweepOrder};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::mesh::shapes::icosphere;
-use pliant::particles::Particles;
+use pliant::Particles;
 use pliant::solvers::{StepSettings, System, stiffness};
 use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, Vector};
 

@@ -16,8 +16,8 @@ use nalgebra::{Point3, Rotation3, Vector3};
 use pliant::constraints::{Batch, Bending, Constraint, Distance, EnclosedVolume, Quadratic, SweepOrder, dihedral};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::mesh::shapes::icosphere;
-use pliant::particles::Particles;
-use pliant::solvers::{DescentSettings as Limits, Energy, Newton, QuasiStatic, StepSettings, System, Unguarded, stiffness};
+use pliant::Particles;
+use pliant::solvers::{DescentSettings as Limits, Energy, Newton, QuasiStatic, StepSettings, System, NoContact, stiffness};
 use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, SoftBodyMaterial, SpringCoefficients, Vector};
 
 /// Time of a frame [s].
@@ -100,8 +100,8 @@ impl Task {
         let mut x = self.mesh.vertices.clone();
         let mut start = self.solver(1e-5, 500);
         for frame in 1..=FRAMES {
-            start.follow(&mut x, &self.pose(f64::from(frame)), &mut Unguarded);
-            start.solve(&mut x, &mut Unguarded, |_, _| true);
+            start.follow(&mut x, &self.pose(f64::from(frame)), &mut NoContact);
+            start.solve(&mut x, &mut NoContact, |_, _| true);
         }
         let limits = Limits { tolerance: 1e-10, iterations: 50 };
         let mut newton = Newton::new(self.energy(), &self.mesh.vertices, &self.inverse_mass, limits).expect("memory");
@@ -192,8 +192,8 @@ struct Equilibria {
 
 impl Follow for Equilibria {
     fn frame(&mut self, task: &Task, frame: u32) {
-        self.solver.follow(&mut self.x, &task.pose(f64::from(frame)), &mut Unguarded);
-        self.solver.solve(&mut self.x, &mut Unguarded, |_, _| true);
+        self.solver.follow(&mut self.x, &task.pose(f64::from(frame)), &mut NoContact);
+        self.solver.solve(&mut self.x, &mut NoContact, |_, _| true);
     }
 
     fn positions(&self) -> Vec<Point3<f64>> {

@@ -17,10 +17,10 @@ use super::{length_unit, note};
 use crate::report::fibres::{Bundle, FILES, Summary, size};
 use crate::report::folder::{Folder, FolderError};
 use pliant::contact::Surface;
+use pliant::fibres::SlicesError;
+use pliant::fibres::SpringsError;
 use pliant::fibres::harmonic::{DecompositionError, HarmonicOptions};
 use pliant::fibres::quality::{measure, tendons};
-use pliant::fibres::slices::SlicesError;
-use pliant::fibres::springs::SpringsError;
 use pliant::fibres::{
     Area, Attachment, AttachmentError, BoundLines, FibreMethod, MethodError, RegisteredLines,
     Smoothing, Template, Tendon, decompose_by, measure_fibres, register,

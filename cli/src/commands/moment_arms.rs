@@ -18,7 +18,9 @@ use crate::report::moment_arms::{self as files, Swept};
 use pliant::fibres::harmonic::HarmonicOptions;
 use pliant::format::number;
 use pliant::io::pvd::Collection;
-use pliant::moment_arms::{Arms, By, ReferenceError, Running, Sweep, SweepError, Table};
+use pliant::moment_arms::{
+    Arms, MuscleStepper, ReferenceError, Sweep, SweepError, SweepRun, Table,
+};
 use pliant::scene::Content;
 use pliant::scene::units::{Dimension, parse};
 use pliant::simulation::{self, Observer, Scenario};
@@ -182,8 +184,8 @@ struct Written<'a> {
     failed: Option<FolderError>,
 }
 
-impl Observer<Running> for Written<'_> {
-    fn frame(&mut self, running: &Running, _: Duration) -> ControlFlow<()> {
+impl Observer<SweepRun> for Written<'_> {
+    fn frame(&mut self, running: &SweepRun, _: Duration) -> ControlFlow<()> {
         if running.done() == self.done {
             return ControlFlow::Continue(());
         }
@@ -225,9 +227,9 @@ fn sweep(arguments: &Arguments) -> Result<Sweep, Failure> {
             points: arguments.points as usize,
         },
         by: if arguments.motion == Motion::Spread {
-            By::Spread
+            MuscleStepper::Spread
         } else {
-            By::Scene
+            MuscleStepper::Scene
         },
     })
 }
@@ -253,7 +255,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let stop = stop_on_interrupt("stopping after this angle");
     let name = scene.name.clone();
     let out = arguments.output.folder(&name, "moment-arms");
-    let mut running = Running::new(*scene, &sweep)?;
+    let mut running = SweepRun::new(*scene, &sweep)?;
     if running.angles.len() < 2 * arguments.smooth + 1 {
         let message = format!(
             "{} values of the angle are too few to smooth over",

@@ -15,12 +15,12 @@ use crate::report::folder::{Folder, FolderError};
 use crate::report::morph::{Carried, Morph, Shape};
 use pliant::io::{self, PointData};
 use pliant::mesh::TriangleMesh;
-use pliant::morph::align::AlignError;
+use pliant::morph::AlignError;
 use pliant::morph::blend::{self, BlendError, Laplacian, Path as Way};
-use pliant::morph::sphere::{Relaxation, SphereError};
 use pliant::morph::{
     Correspondence, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, Shared,
 };
+use pliant::morph::{Relaxation, SphereError};
 use pliant::simulation::LoadError;
 
 /// Blend two closed surfaces: their correspondence, intermediate shapes and intermediate point data

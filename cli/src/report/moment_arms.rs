@@ -12,7 +12,7 @@ use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
-use pliant::moment_arms::{Arms, By, Crossing, Running, extremes};
+use pliant::moment_arms::{Arms, CrossingMuscle, MuscleStepper, SweepRun, extremes};
 use pliant_render::{
     Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render,
 };
@@ -41,7 +41,7 @@ pub struct Swept {
     /// Name of the angle in tables.
     pub coordinate: String,
     /// Method that moved the muscles.
-    pub by: By,
+    pub by: MuscleStepper,
     /// Time [s].
     pub time_s: f64,
     /// True if the user stopped the sweep.
@@ -54,7 +54,7 @@ pub struct Swept {
 /// A file that cannot be written.
 pub fn write_fibres(
     folder: &Folder,
-    running: &Running,
+    running: &SweepRun,
     k: usize,
     series: &mut Collection,
 ) -> Result<(), FolderError> {
@@ -111,7 +111,7 @@ fn put(folder: &Folder, file: &str, data: &PolyData<'_>) -> Result<(), FolderErr
 }
 
 /// Bones at the last angle.
-fn bones(running: &Running) -> Vec<TriangleMesh> {
+fn bones(running: &SweepRun) -> Vec<TriangleMesh> {
     let frame = running.simulation.frame() as f64;
     let posed = |(b, mesh): (usize, &TriangleMesh)| {
         let pose: Isometry3<f64> = running.simulation.pose(b, frame);
@@ -130,7 +130,7 @@ fn bones(running: &Running) -> Vec<TriangleMesh> {
 }
 
 /// A picture of the fibres among the bones at the last angle, along the joint's axis.
-pub fn picture(running: &Running) -> Frame {
+pub fn picture(running: &SweepRun) -> Frame {
     let axis = running.joint.axis.into_inner();
     // From the side of the joint relative to the bones' centre, so that the muscles are in front.
     let bones = bones(running);
@@ -175,7 +175,7 @@ pub fn picture(running: &Running) -> Frame {
 }
 
 /// Measures of the sweep.
-fn to_json(swept: &Swept, running: &Running, arms: &[Arms]) -> Value {
+fn to_json(swept: &Swept, running: &SweepRun, arms: &[Arms]) -> Value {
     let muscles: Vec<Value> = arms
         .iter()
         .zip(&running.muscles)
@@ -184,7 +184,7 @@ fn to_json(swept: &Swept, running: &Running, arms: &[Arms]) -> Value {
     json!({
         "joint": swept.joint,
         "coordinate": swept.coordinate,
-        "motion": if swept.by == By::Spread { "spread" } else { "scene" },
+        "motion": if swept.by == MuscleStepper::Spread { "spread" } else { "scene" },
         "from_deg": running.angles[0].to_degrees(),
         "to_deg": running.angles[running.angles.len() - 1].to_degrees(),
         "values": running.angles.len(),
@@ -194,7 +194,7 @@ fn to_json(swept: &Swept, running: &Running, arms: &[Arms]) -> Value {
     })
 }
 
-fn of_muscle(arms: &Arms, muscle: &Crossing) -> Value {
+fn of_muscle(arms: &Arms, muscle: &CrossingMuscle) -> Value {
     let compared = arms.compared.iter().zip(&arms.straight_overlaps).map(
         |((file, reference, found), straight)| {
             json!({
@@ -239,7 +239,7 @@ fn of_muscle(arms: &Arms, muscle: &Crossing) -> Value {
 /// A picture that cannot be encoded.
 pub fn output<'a>(
     swept: &Swept,
-    running: &Running,
+    running: &SweepRun,
     arms: &'a [Arms],
     series: Collection,
     pictures: &[(String, Frame)],
@@ -304,9 +304,9 @@ fn encoded(pictures: &[(String, Frame)]) -> Result<Vec<Picture>, PictureError> {
 }
 
 /// Whether each muscle was moved through all angles.
-fn verdicts(running: &Running) -> Vec<Verdict> {
+fn verdicts(running: &SweepRun) -> Vec<Verdict> {
     let moved = "the muscle moves without being stopped";
-    let of = |m: &Crossing| match &m.stopped {
+    let of = |m: &CrossingMuscle| match &m.stopped {
         None => Verdict::new(moved, true).at(m.name.as_str()),
         Some((frame, why)) => {
             Verdict::new(moved, false).at(format!("{}, frame {frame}: {why:?}", m.name))
@@ -411,7 +411,7 @@ fn lengths(arms: &[Arms]) -> LinePlot {
 }
 
 /// The table of the curves.
-fn table(running: &Running, arms: &[Arms]) -> Table {
+fn table(running: &SweepRun, arms: &[Arms]) -> Table {
     let title = "Moment arms, mean of the fibres";
     let header = [
         "muscle",
@@ -474,7 +474,7 @@ fn comparisons(arms: &[Arms]) -> Table {
 }
 
 /// Notes for the reader.
-fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
+fn notes(running: &SweepRun, arms: &[Arms]) -> Vec<String> {
     let mut notes = running.simulation.notes.clone();
     if !running.left_out.is_empty() {
         notes.push(format!(
@@ -514,16 +514,16 @@ fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
     notes
 }
 
-fn explanations(by: By) -> Vec<String> {
+fn explanations(by: MuscleStepper) -> Vec<String> {
     vec![
         "Moment arms are -dL/dq: positive where pulling turns the joint towards greater angles. L is the length of a fibre \
          inside the muscle, without tendons, which are as long at every angle."
             .to_owned(),
         match by {
-            By::Spread => "Every vertex of a muscle turns about the joint by a share of its angle: what lies on a bone goes with it, \
+            MuscleStepper::Spread => "Every vertex of a muscle turns about the joint by a share of its angle: what lies on a bone goes with it, \
                            between bones the turn spreads evenly. From there tone, bones and volume bring the muscle to rest."
                 .to_owned(),
-            By::Scene => "The scene's solver moves the muscles.".to_owned(),
+            MuscleStepper::Scene => "The scene's solver moves the muscles.".to_owned(),
         },
     ]
 }

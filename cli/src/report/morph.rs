@@ -17,7 +17,7 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::io::{PointData, file_name};
 use pliant::mesh::measures::{area, max_or_nan, volume};
 use pliant::mesh::{SurfaceTree, TriangleMesh};
-use pliant::morph::sphere::flipped;
+use pliant::morph::flipped;
 use pliant::morph::{Correspondence, Distortion};
 use pliant_render::PictureError;
 

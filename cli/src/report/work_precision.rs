@@ -276,7 +276,7 @@ pub fn table(study: &Study) -> Table {
                 "{}, {}, {}",
                 row.candidate.width.lanes(),
                 row.candidate.threads,
-                row.candidate.way.unwrap_or(HIERARCHY)
+                row.candidate.broad_phase.unwrap_or(HIERARCHY)
             ),
             format!("{:.3}", row.time_s),
             mm(row.error.rms) + known,

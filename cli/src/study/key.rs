@@ -5,9 +5,9 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use pliant::encode::text_of;
 use pliant::scene::{AreaSpec, Content, Scene, SkinSurface, Source};
 use pliant::state::Hash;
+use pliant::text_of;
 
 /// Version of the layout of stored results: another number invalidates all old ones.
 const LAYOUT: u32 = 2;

@@ -20,7 +20,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use pliant::io::vtk;
+use pliant::io::{self, Encoding};
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes;
 use pliant::testing::Scratch;
@@ -461,7 +461,7 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
     let [ball, plate] = ball_and_box(&scratch);
     let whole = scratch.join("whole.vtk");
     let mesh = shapes::make("icosphere").unwrap().mesh;
-    vtk::write(&whole, &mesh, &[], vtk::VtkEncoding::Binary).unwrap();
+    io::write(&whole, &mesh, &[], Encoding::Binary).unwrap();
     let bytes = fs::read(&whole).unwrap();
     let cut = scratch.join("cut.vtk");
     fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();

@@ -4,8 +4,9 @@ use std::fs;
 use std::path::PathBuf;
 
 use nalgebra::{Matrix4, Point3, Similarity3, Vector3};
+use pliant::io::obj;
 use pliant::io::vtp::{self, PolyData};
-use pliant::io::{obj, read, read_point_data};
+use pliant::io::{read, read_point_data};
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::{TriangleMesh, shapes};
 use serde_json::Value;

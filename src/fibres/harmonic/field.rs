@@ -14,6 +14,7 @@ use super::cells::{Cells, NONE};
 use super::directions::extend_directions;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
+use crate::mesh::union_find::UnionFind;
 use crate::solvers::sparse::{Factor, FactorError};
 
 /// Conductance of an area relative to that of the muscle. A small value distributes the flux over
@@ -465,20 +466,12 @@ fn contact(cells: &Cells, muscle: &TriangleMesh, area: &Area) -> Vec<f64> {
 
 /// True for each cell in a component that touches both areas.
 fn joined(cells: &Cells, links: &[(u32, u32, usize)], contacts: &[Vec<f64>; 2]) -> Vec<bool> {
-    let mut parents: Vec<u32> = (0..cells.count() as u32).collect();
-    fn root(parents: &mut [u32], mut c: u32) -> u32 {
-        while parents[c as usize] != c {
-            parents[c as usize] = parents[parents[c as usize] as usize];
-            c = parents[c as usize];
-        }
-        c
-    }
+    let mut sets = UnionFind::new(cells.count());
     for &(a, b, _) in links {
-        let (a, b) = (root(&mut parents, a), root(&mut parents, b));
-        parents[a.max(b) as usize] = a.min(b);
+        sets.join(a, b);
     }
     let roots: Vec<usize> = (0..cells.count() as u32)
-        .map(|c| root(&mut parents, c) as usize)
+        .map(|c| sets.root(c) as usize)
         .collect();
     let mut touches = vec![[false; 2]; cells.count()];
     for (c, &r) in roots.iter().enumerate() {

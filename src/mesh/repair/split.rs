@@ -13,6 +13,7 @@ use crate::mesh::measures::triangle_areas;
 use crate::mesh::orientation::Orientation;
 use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
+use crate::mesh::union_find::UnionFind;
 
 /// Gives each edge at most two triangles and each vertex one fan.
 ///
@@ -241,23 +242,14 @@ fn by_angle(
 
 /// Corners of triangles, joined where they share a vertex.
 struct Corners {
-    parents: Vec<u32>,
+    sets: UnionFind,
 }
 
 impl Corners {
     fn new(triangles: usize) -> Self {
         Self {
-            parents: (0..3 * triangles as u32).collect(),
+            sets: UnionFind::new(3 * triangles),
         }
-    }
-
-    fn root(&mut self, mut c: u32) -> u32 {
-        while self.parents[c as usize] != c {
-            let up = self.parents[self.parents[c as usize] as usize];
-            self.parents[c as usize] = up;
-            c = up;
-        }
-        c
     }
 
     /// Joins the corners of two triangles at both ends of a common edge.
@@ -270,8 +262,7 @@ impl Corners {
                     .unwrap_or(0) as u32
         };
         for v in edge {
-            let (one, two) = (self.root(corner(s, v)), self.root(corner(t, v)));
-            self.parents[one.max(two) as usize] = one.min(two);
+            self.sets.join(corner(s, v), corner(t, v));
         }
     }
 
@@ -288,8 +279,10 @@ impl Corners {
                         .unwrap_or(0) as u32
             };
             let corners: Vec<u32> = topology.triangles_of_vertex(v).iter().map(corner).collect();
-            let mut groups: Vec<(u32, u32)> =
-                corners.into_iter().map(|c| (self.root(c), c)).collect();
+            let mut groups: Vec<(u32, u32)> = corners
+                .into_iter()
+                .map(|c| (self.sets.root(c), c))
+                .collect();
             // The group of the lowest triangle is first and keeps the vertex.
             groups.sort_unstable();
             for (k, group) in groups.chunk_by(|a, b| a.0 == b.0).enumerate() {

@@ -2,12 +2,12 @@
 
 use nalgebra::Isometry3;
 
-use super::{Crossing, Running};
+use super::{CrossingMuscle, SweepRun};
 use crate::mesh::measures::max_or_nan;
 use crate::progress::Progress;
 use crate::simulation::{BodyState, Plan, Scenario, SceneDescription, Stepped};
 
-impl Scenario for Running {
+impl Scenario for SweepRun {
     fn name(&self) -> &str {
         self.simulation.name()
     }
@@ -57,7 +57,7 @@ impl Scenario for Running {
     }
 
     fn measures(&self) -> Vec<(&'static str, f64)> {
-        let most = |of: fn(&Crossing) -> f64| max_or_nan(self.muscles.iter().map(of));
+        let most = |of: fn(&CrossingMuscle) -> f64| max_or_nan(self.muscles.iter().map(of));
         vec![
             ("volume_error", most(|m| m.volume_error)),
             ("penetration_m", most(|m| m.vertex_depth)),

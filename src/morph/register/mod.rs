@@ -8,16 +8,17 @@ mod outliers;
 pub(crate) mod ransac;
 pub(crate) mod whole;
 
-pub use fit::draws_needed;
-pub use icp::{Measure, PairWeight, Reject, Select};
-pub use whole::{RegistrationResidual, RegistrationTimes};
+pub use icp::Select;
+pub use whole::RegistrationResidual;
 
 use nalgebra::{Point3, Vector3};
 
 pub use fit::{FitMotion, fit};
-pub use icp::{Icp, Registered};
-pub use nonrigid::{Bent, NonRigid};
-pub use ransac::{InitialAlignment, Ransac};
+pub use icp::Icp;
+pub(crate) use icp::Registered;
+pub(crate) use nonrigid::Bent;
+pub use nonrigid::NonRigid;
+pub use ransac::Ransac;
 pub use whole::{RegistrationSettings, SurfaceRegistration, register_surfaces};
 
 use crate::mesh::closest::{SurfaceTree, TriangleProjection};

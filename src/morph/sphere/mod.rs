@@ -14,15 +14,15 @@ pub(crate) mod relaxation;
 mod removal;
 pub(super) mod rings;
 mod stretch;
-mod surface;
+pub(crate) mod surface;
 
-pub use centre::{bounding_sphere, inside_near};
-pub use relaxation::{Effort, Relaxation};
+pub use relaxation::Relaxation;
 
 use nalgebra::{Point3, UnitQuaternion};
 
 pub use error::SphereError;
-pub use surface::{check, flipped, solid_angle, turn};
+pub use surface::{check, flipped};
+pub(crate) use surface::{solid_angle, turn};
 
 use crate::mesh::TriangleMesh;
 

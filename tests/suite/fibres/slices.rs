@@ -1,13 +1,15 @@
 //! Decomposition by slices, and its limits.
 
 use nalgebra::{Point2, Point3, Vector3};
+use pliant::fibres::SlicesError;
 use pliant::fibres::quality::measure;
-use pliant::fibres::slices::{
-    Outline, SliceOptions, Slicer, SlicesError, decompose, grid, on_square,
-};
-use pliant::fibres::{AreaSource, Attachment, Closed, Template};
+use pliant::fibres::{AreaSource, Attachment, Template};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::box_surface;
+use pliant::testing::internals::fibres::Closed;
+use pliant::testing::internals::fibres::slices::{
+    Outline, SliceOptions, Slicer, decompose, grid, on_square,
+};
 
 use super::{made, ring_torus, star};
 use crate::tolerances::{T1, worst};

@@ -1,9 +1,9 @@
 //! Decomposition by springs.
 
 use nalgebra::{Point3, Vector3};
+use pliant::fibres::SpringsError;
 use pliant::fibres::quality::measure;
-use pliant::fibres::springs::{SpringOptions, SpringsError, decompose, grid, rest, springs};
-use pliant::fibres::{Attachment, Closed, Grid, Sampling, Template};
+use pliant::fibres::{Attachment, Template};
 use pliant::mesh::TriangleMesh;
 use pliant::morph::SphereError;
 use pliant::springs::damping::{DampedBody, estimate};
@@ -11,6 +11,8 @@ use pliant::springs::integrators::{Integrator, Verlet};
 use pliant::springs::{
     Hooke, Neighbours, RestEnd, RestSettings, SpringSystem, Springs, limit, settle, stiffest,
 };
+use pliant::testing::internals::fibres::springs::{SpringOptions, decompose, grid, rest, springs};
+use pliant::testing::internals::fibres::{Closed, Grid, Sampling};
 
 use super::{made, ring_torus, star};
 use crate::tolerances::{T1, worst};
@@ -55,9 +57,9 @@ fn inner_points_are_in_the_middle_of_their_springs() {
     let held = found.sampling.on_surface();
     let forces = |points: &[Point3<f64>]| {
         let mut force = vec![Vector3::zeros(); points.len()];
-        for s in &net {
-            let [a, b] = s.ends.map(|p| p as usize);
-            let pull = (points[b] - points[a]) / s.rest;
+        for (ends, rest) in &net {
+            let [a, b] = ends.map(|p| p as usize);
+            let pull = (points[b] - points[a]) / *rest;
             force[a] += pull;
             force[b] -= pull;
         }
@@ -93,14 +95,9 @@ fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
     let found = grid(&mesh, &areas, Template::Parallel, options).expect("fibres");
     let side = options.side * mesh.length();
     let net = springs(&found.sampling, Template::Parallel);
-    let law = |s: &pliant::fibres::springs::Spring| {
-        (
-            s.ends,
-            Hooke {
-                rest: side * s.rest,
-                stiffness: 1.0 / (side * s.rest),
-            },
-        )
+    let law = |&(ends, rest): &([u32; 2], f64)| {
+        let (rest, stiffness) = (side * rest, 1.0 / (side * rest));
+        (ends, Hooke { rest, stiffness })
     };
     let free = grid(
         &mesh,

@@ -1,9 +1,10 @@
 //! Templates: their curves, grids and surfaces.
 
-use pliant::fibres::{Grid, Sampling, Template};
+use pliant::fibres::Template;
 use pliant::mesh::Topology;
 use pliant::springs::Neighbours;
 use pliant::springs::patterns::lattice;
+use pliant::testing::internals::fibres::{Grid, Sampling};
 
 use crate::tolerances::{T1, worst};
 

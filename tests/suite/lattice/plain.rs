@@ -2,9 +2,9 @@
 //! precision.
 
 use nalgebra::Vector3;
-use pliant::simd::Number;
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{Lattice, LatticeSettings, LatticeShape, Stiffness};
+use pliant::testing::internals::simd::Number;
 
 /// One spring of a list.
 pub struct Spring {

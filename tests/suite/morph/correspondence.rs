@@ -2,13 +2,13 @@
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
-use pliant::morph::align::AlignError;
+use pliant::morph::AlignError;
 use pliant::morph::blend::{Path, hermite, turning};
-use pliant::morph::sphere::{Relaxation, SphereError, flipped};
 use pliant::morph::{
-    Alike, Correspondence, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings,
-    Shared, Start,
+    Correspondence, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, Shared,
 };
+use pliant::morph::{Relaxation, SphereError, flipped};
+use pliant::testing::internals::morph::{Alike, Start};
 
 use super::{bent, stretched, tube};
 use crate::tolerances::{T9, T18, worst};

@@ -3,11 +3,15 @@
 use crate::tolerances::{T8, T9, T18, T21, worst};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
-use pliant::morph::align::{self, AlignError, Moving};
+use pliant::morph::AlignError;
 use pliant::morph::blend::{BlendError, Laplacian, hermite, linear};
-use pliant::morph::sphere::{flipped, turn};
-use pliant::morph::{Locator, Overlay, OverlayError, OverlayOrigin, SphereMap, arcs_cross};
+use pliant::morph::flipped;
 use pliant::testing::Draw;
+use pliant::testing::internals::morph::align::{self, Moving};
+use pliant::testing::internals::morph::sphere::turn;
+use pliant::testing::internals::morph::{
+    Locator, Overlay, OverlayError, OverlayOrigin, SphereMap, arcs_cross,
+};
 
 use super::{bent, stretched, tube};
 

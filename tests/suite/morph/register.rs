@@ -4,10 +4,10 @@ use crate::tolerances::{T9, T18, T19, T20, worst};
 use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
 use pliant::morph::register::{
-    FitMotion, Icp, Measure, NonRigid, PairWeight, Ransac, RegisterError, RegistrationSurface,
-    Reject, Select, draws_needed, fit,
+    FitMotion, Icp, NonRigid, Ransac, RegisterError, RegistrationSurface, Select, fit,
 };
 use pliant::testing::Draw;
+use pliant::testing::internals::morph::register::{Measure, PairWeight, Reject, draws_needed};
 
 /// Mean number of draws of `count` points until all are good, if a share `good` of the points is: w^-N.
 fn expected_draws(good: f64, count: u32) -> f64 {

@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::{Inside, TriangleMesh, measures, shapes};
-use pliant::morph::sphere::{
-    Relaxation, bounding_sphere, check, flipped, inside_near, solid_angle,
-};
-use pliant::morph::{Distortion, SphereError, SphereMap};
+use pliant::morph::{Distortion, SphereError};
+use pliant::morph::{Relaxation, flipped};
 use pliant::testing::Draw;
+use pliant::testing::internals::morph::SphereMap;
+use pliant::testing::internals::morph::sphere::{bounding_sphere, check, inside_near, solid_angle};
 
 use super::{bent, stretched, tube};
 use crate::tolerances::{T1, T9, T18, cases};

@@ -1,8 +1,8 @@
 //! Chains at rest: suspended at one end, and the catenary.
 
 use nalgebra::{Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{Distance, SweepOrder};
-use pliant::particles::Particles;
 use pliant::solvers::System;
 
 use super::rest::Body;

@@ -1,10 +1,10 @@
 //! Spring networks against membranes: a lattice under tension, a balloon.
 
 use nalgebra::{Matrix2, Point3, Vector3};
+use pliant::Particles;
 use pliant::constraints::{Batch, Distance, EnclosedVolume, SweepOrder};
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::particles::Particles;
 use pliant::solvers::{System, stiffness};
 
 use super::rest::Body;

@@ -2,9 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{Bending, Distance, EnclosedVolume, Quadratic};
-use pliant::solvers::{
-    DescentOutcome, DescentSettings, Energy, Inertia, Newton, QuasiStatic, Unguarded,
-};
+use pliant::solvers::{DescentOutcome, DescentSettings, Energy, Newton, NoContact, QuasiStatic};
+use pliant::testing::internals::solvers::Inertia;
 
 use crate::tolerances::{T17, worst};
 
@@ -97,7 +96,7 @@ impl Body {
         let mut solver =
             QuasiStatic::new(energy, x, &self.inverse_mass(), settings).expect("anchored");
         solver.problem.settings.tolerance = self.left / solver.problem.force_scale();
-        let outcome = solver.solve(x, &mut Unguarded, |_, _| true);
+        let outcome = solver.solve(x, &mut NoContact, |_, _| true);
         assert!(outcome.converged, "{outcome:?}");
         outcome
     }

@@ -1,8 +1,8 @@
 //! Number of sweeps for each visiting order (P41): a report, and the one claim that holds.
 
 use nalgebra::Point3;
+use pliant::Particles;
 use pliant::constraints::{Batch, Distance, Project, SweepOrder};
-use pliant::particles::Particles;
 use pliant::testing::Draw;
 
 /// Links of the rope.

@@ -7,8 +7,9 @@ use nalgebra::Point3;
 use pliant::constraints::{Distance, EnclosedVolume, Quadratic};
 use pliant::mesh::measures::area;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::{BaseShape, Implant, SILICONE, springs_of, upper};
+use pliant::skin::{BaseShape, Implant, SILICONE};
 use pliant::solvers::{DescentSettings, Energy, Newton};
+use pliant::testing::internals::skin::{springs_of, upper};
 
 /// Rings of the membrane, and radius of the circle [m].
 const RINGS: u32 = 20;

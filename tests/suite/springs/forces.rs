@@ -4,11 +4,12 @@ use nalgebra::{Point3, Vector3};
 use pliant::constraints::SpringLaw;
 use pliant::mesh::{Topology, shapes};
 use pliant::springs::lattice::LatticeShape;
-use pliant::springs::{
-    AngularSpring, Buckling, CentreSprings, Force, Hooke, Neighbours, PairError, SpringSystem,
-    Springs, Strips, SystemError, TrueVolume, VolumeError, anchors, angular_springs, patterns,
-};
+use pliant::springs::{Force, Hooke, Neighbours, SpringSystem, Springs, SystemError, patterns};
 use pliant::testing::Draw;
+use pliant::testing::internals::springs::{
+    AngularSpring, Buckling, CentreSprings, PairError, Strips, TrueVolume, VolumeError, anchors,
+    angular_springs,
+};
 
 /// Difference of energies over a step: rounding error of 1e-16/1e-5 and step error of 1e-10.
 const DIFFERENCE: f64 = 2e-8;

@@ -5,9 +5,12 @@ use nalgebra::{Point3, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, shapes};
 use pliant::springs::damping::{DampedBody, estimate};
 use pliant::springs::lattice::{LatticeError, LatticeShape};
-use pliant::springs::mass::{self, MassError};
-use pliant::springs::stiffness::{Negative, along_edges, area_over_length, membrane, of_side};
-use pliant::springs::{LayerMaterial, Neighbours, layers, patterns};
+use pliant::springs::{Neighbours, patterns};
+use pliant::testing::internals::springs::mass::{self, MassError};
+use pliant::testing::internals::springs::stiffness::{
+    Negative, along_edges, area_over_length, membrane, of_side,
+};
+use pliant::testing::internals::springs::{LayerMaterial, layers};
 
 fn triangle(points: [[f64; 2]; 3]) -> TriangleMesh {
     let vertices = points.map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();

@@ -1,13 +1,13 @@
 //! P37 and P38 for the integrators of spring systems: orders, stability limits found by bisection, energy.
 
 use nalgebra::{Point3, Vector3};
-use pliant::springs::integrators::{
-    Adaptive, Bdf2, ExplicitEuler, INTEGRATORS, ImplicitEuler, Integrator, Rk4, SemiImplicitEuler,
-    StepError, Verlet, by_name,
-};
+use pliant::springs::integrators::{Adaptive, INTEGRATORS, Integrator, StepError, Verlet, by_name};
 use pliant::springs::{
     Hooke, Mode, RestEnd, RestSettings, SpringSystem, Springs, Stiffest, damping, limit, settle,
     stiffest,
+};
+use pliant::testing::internals::springs::integrators::{
+    Bdf2, ExplicitEuler, ImplicitEuler, Rk4, SemiImplicitEuler,
 };
 
 /// A mass m on a spring k from the origin with damping c, along x, displaced to x.

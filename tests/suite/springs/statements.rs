@@ -4,9 +4,10 @@
 use nalgebra::Vector3;
 use pliant::mesh::Topology;
 use pliant::mesh::shapes::icosphere;
-use pliant::morph::{Locator, SphereError, SphereMap};
+use pliant::morph::SphereError;
 use pliant::springs::integrators::{Integrator, Verlet};
 use pliant::springs::{Mode, Neighbours};
+use pliant::testing::internals::morph::{Locator, SphereMap};
 
 #[test]
 fn m12_points_on_shared_edges_are_found_once_and_weights_sum_to_one() {

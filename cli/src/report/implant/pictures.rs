@@ -203,7 +203,7 @@ impl Insertion<'_> {
         // The bed of the implant, seen from its top: the bone, or else the original surface below
         // the lower layer.
         let bed = if self.obstacles.is_empty() {
-            halved(&layers.bed())
+            halved(&layers.support())
         } else {
             Cut::default()
         };

@@ -1,5 +1,5 @@
-use super::super::VtkEncoding;
 use super::super::tests::written;
+use crate::io::Encoding;
 use crate::io::{MeshFile, read_bytes};
 use crate::mesh::TriangleMesh;
 
@@ -94,8 +94,8 @@ fn every_truncation_is_an_error_or_a_mesh() {
     let offsets =
         format!("{SQUARE}POLYGONS 2 3\nOFFSETS int\n0 3\nCONNECTIVITY int\n0 1 2\n").into_bytes();
     for whole in [
-        written(VtkEncoding::Ascii, "a1.vtk"),
-        written(VtkEncoding::Binary, "b1.vtk"),
+        written(Encoding::Text, "a1.vtk"),
+        written(Encoding::Binary, "b1.vtk"),
         offsets,
     ] {
         for length in 0..whole.len() {
@@ -108,7 +108,7 @@ fn every_truncation_is_an_error_or_a_mesh() {
 
 #[test]
 fn binary_errors_name_the_offset() {
-    let mut bytes = written(VtkEncoding::Binary, "b2.vtk");
+    let mut bytes = written(Encoding::Binary, "b2.vtk");
     let start = bytes.windows(7).position(|w| w == b"double\n").unwrap() + 7;
     bytes[start + 8..start + 16].copy_from_slice(&f64::INFINITY.to_be_bytes());
     let text = read_bytes(&bytes, "a").unwrap_err().to_string();

@@ -4,11 +4,12 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
-use pliant::contact::broad_phase::{BitGrid, Fill};
 use pliant::mesh::{Topology, TriangleMesh, shapes};
-use pliant::springs::contact::{Bodies, CollidingBody, Drive, Response};
-use pliant::springs::stiffness::{Negative, along_edges, membrane};
-use pliant::springs::{SpringSystem, TrueVolume, mass};
+use pliant::springs::SpringSystem;
+use pliant::testing::internals::contact::broad_phase::{BitGrid, Fill};
+use pliant::testing::internals::springs::contact::{Bodies, CollidingBody, Drive, Response};
+use pliant::testing::internals::springs::stiffness::{Negative, along_edges, membrane};
+use pliant::testing::internals::springs::{TrueVolume, mass};
 
 use super::moved;
 

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::{Bodies, CollidingBody, Drive};
+use pliant::testing::internals::springs::contact::{Bodies, CollidingBody, Drive};
 
 use super::bodies::filled;
 use super::{moved, sphere};

@@ -6,11 +6,11 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix3, Point3, Vector3};
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::{Topology, TriangleMesh, shapes};
-use pliant::springs::contact::{
+use pliant::testing::Draw;
+use pliant::testing::internals::springs::contact::{
     BoundKind, Edge, EdgeOwners, Found, Hierarchy, Sheet, VoxelError, VoxelGrid, crossing,
     crossings, crossings_of,
 };
-use pliant::testing::Draw;
 use proptest::prelude::*;
 
 use super::{moved, region, soup};

@@ -1,8 +1,8 @@
 //! Impulses compared with the laws of collision, and the counter-examples of errata B06 and B12.
 
 use nalgebra::Vector3;
-use pliant::springs::contact::{ContactPart, Response, ResponseError, impulse};
 use pliant::testing::Draw;
+use pliant::testing::internals::springs::contact::{ContactPart, Response, ResponseError, impulse};
 use proptest::prelude::*;
 
 fn on_line(mass: f64, velocity: f64) -> ContactPart<1> {

@@ -2,10 +2,12 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::{Bodies, BodyError, CollidingBody, Drive, Response, StepContacts};
 use pliant::springs::integrators::StepError;
 use pliant::springs::{SpringSystem, SystemError};
 use pliant::testing::Draw;
+use pliant::testing::internals::springs::contact::{
+    Bodies, BodyError, CollidingBody, Drive, Response, StepContacts,
+};
 
 use super::bodies::{filled, two_balls};
 use super::{moved, sphere};

@@ -22,7 +22,7 @@ pub trait Law: SpringLaw {
     fn is_valid(&self) -> bool;
 }
 
-/// Error of [`Pairs::new`].
+/// Error of [`SpringSet::new`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PairError {
     /// A point does not exist.
@@ -57,13 +57,13 @@ pub enum PairError {
 /// No two threads write to one place, and the bits depend neither on threads nor on the order of
 /// the input.
 #[derive(Clone, Debug)]
-pub struct Pairs<L> {
+pub struct SpringSet<L> {
     springs: Vec<([u32; 2], L)>,
     start: Vec<usize>,
     around: Vec<(u32, L)>,
 }
 
-impl<L: Law> Pairs<L> {
+impl<L: Law> SpringSet<L> {
     /// Creates springs between `count` points.
     ///
     /// # Errors
@@ -151,7 +151,7 @@ fn by_parameters<L: Law>(a: &L, b: &L) -> Ordering {
     pairs.fold(Ordering::Equal, |order, (a, b)| order.then(a.total_cmp(&b)))
 }
 
-impl<L: Law> Force for Pairs<L> {
+impl<L: Law> Force for SpringSet<L> {
     fn name(&self) -> &'static str {
         L::NAME
     }

@@ -46,12 +46,12 @@ pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Di
 /// volume over its area, `A` the area around a vertex and `d` its [`Distances`]. This is the
 /// conduction of heat through a muscle of thickness 2 h between bones at 0 and 1, with soft tissue
 /// of the same conductance between muscle and bones. The model has no free parameter. `held` gives
-/// vertices with prescribed shares.
+/// vertices with prescribed joint weights.
 ///
 /// # Errors
 /// A part of the mesh without a held vertex and without a bone, or too little memory.
 /// A part of the mesh that nothing holds and no bone is near, or no memory.
-pub fn shares(
+pub fn joint_weights(
     mesh: &TriangleMesh,
     topology: &Topology,
     distances: &[Distances],
@@ -116,7 +116,7 @@ mod tests {
 
     const LENGTH: f64 = 0.12;
 
-    /// A muscle along an axis, held at its ends, and its shares; `bones` are beside its lower and
+    /// A muscle along an axis, held at its ends, and its joint weights; `bones` are beside its lower and
     /// upper half.
     fn found(bones: &[(&dyn Obstacle, bool)]) -> (TriangleMesh, Vec<f64>) {
         let mesh = tube(0.012, LENGTH, 24);
@@ -132,12 +132,13 @@ mod tests {
         };
         let held: Vec<(u32, f64)> = mesh.vertices.iter().enumerate().filter_map(at).collect();
         let near = distances(&mesh, bones);
-        let shares = shares(&mesh, &Topology::new(&mesh), &near, &held).expect("held");
-        (mesh, shares)
+        let joint_weights =
+            joint_weights(&mesh, &Topology::new(&mesh), &near, &held).expect("held");
+        (mesh, joint_weights)
     }
 
     /// Mean share of the vertices around a position along the muscle, from 0 to 1.
-    fn around((mesh, shares): &(TriangleMesh, Vec<f64>), place: f64) -> f64 {
+    fn around((mesh, joint_weights): &(TriangleMesh, Vec<f64>), place: f64) -> f64 {
         let bounds = mesh.bounding_box();
         let along = bounds.extents().iamax();
         let wanted = bounds.min[along] + place * bounds.extents()[along];
@@ -145,7 +146,7 @@ mod tests {
         let both: Vec<f64> = mesh
             .vertices
             .iter()
-            .zip(shares)
+            .zip(joint_weights)
             .filter(near)
             .map(|(_, s)| *s)
             .collect();
@@ -191,9 +192,13 @@ mod tests {
             "{}",
             around(&turning, 0.3)
         );
-        for (_, shares) in [&resting, &turning] {
+        for (_, joint_weights) in [&resting, &turning] {
             // A minimum of a network of conductances lies between the held values, up to rounding.
-            assert!(shares.iter().all(|s| (-1e-12..=1.0 + 1e-12).contains(s)));
+            assert!(
+                joint_weights
+                    .iter()
+                    .all(|s| (-1e-12..=1.0 + 1e-12).contains(s))
+            );
         }
     }
 }
