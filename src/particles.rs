@@ -149,7 +149,7 @@ impl Packed {
     pub fn read(&mut self, particles: &Particles) {
         let (x, w) = (&particles.position, &particles.inverse_mass);
         let copy = |p: usize| Slot([x[p].x, x[p].y, x[p].z, w[p]]);
-        let fill = |(first, slots): (usize, &mut [Slot])| match &self.numbering.both {
+        let fill = |first: usize, slots: &mut [Slot]| match &self.numbering.both {
             None => slots
                 .iter_mut()
                 .enumerate()
@@ -160,14 +160,13 @@ impl Packed {
                 .for_each(|(slot, &p)| *slot = copy(p as usize)),
         };
         self.slots.resize(x.len(), Slot::default());
-        let pieces = |(k, slots)| fill((k * SHARE, slots));
         if is_shared(x.len()) {
             self.slots
                 .par_chunks_mut(SHARE)
                 .enumerate()
-                .for_each(pieces);
+                .for_each(|(k, slots)| fill(k * SHARE, slots));
         } else {
-            fill((0, &mut self.slots));
+            fill(0, &mut self.slots);
         }
     }
 

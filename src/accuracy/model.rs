@@ -313,42 +313,42 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
 fn read(csv: &str) -> Vec<Known> {
     let mut lines = csv.lines();
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let known = |line: &str| {
-        let fields: Vec<&str> = line.split(',').collect();
-        let text = |name: &str| {
-            header
-                .iter()
-                .position(|h| *h == name)
-                .and_then(|i| fields.get(i).copied())
-        };
-        let value = |name: &str| text(name)?.parse::<f64>().ok();
-        let (steps, iterations) = (value("substeps")?, value("iterations")?);
-        let spec = SolverSpec::named(text("solver")?)?;
-        let (family, setting) = Family::of(spec, iterations, text("order")?, value("tolerance"))?;
-        if text("status")? == "diverged"
-            || text("contact")? != super::candidates::HIERARCHY
-            || text("lanes")? == "1"
-        {
-            return None;
-        }
-        let time = libm::log(value("time_s")? / (value("vertices")? * value("frames")?));
-        let error = libm::log(value("rms_error_m")? / value("moved_m")?);
-        // An error below the reference's uncertainty is meaningless.
-        let error = if text("certain")? == "true" {
-            error
-        } else {
-            f64::NAN
-        };
-        let features = [steps, setting];
-        Some(Known {
-            scene: text("scene")?.to_owned(),
-            family,
-            features,
-            time,
-            error,
-        })
+    lines.filter_map(|line| known(&header, line)).collect()
+}
+
+/// The run of one line; `None` if it is left out or incomplete.
+fn known(header: &[&str], line: &str) -> Option<Known> {
+    let fields: Vec<&str> = line.split(',').collect();
+    let text = |name: &str| {
+        let column = header.iter().position(|h| *h == name)?;
+        fields.get(column).copied()
     };
-    lines.filter_map(known).collect()
+    let value = |name: &str| text(name)?.parse::<f64>().ok();
+    let (steps, iterations) = (value("substeps")?, value("iterations")?);
+    let spec = SolverSpec::named(text("solver")?)?;
+    let (family, setting) = Family::of(spec, iterations, text("order")?, value("tolerance"))?;
+    if text("status")? == "diverged"
+        || text("contact")? != super::candidates::HIERARCHY
+        || text("lanes")? == "1"
+    {
+        return None;
+    }
+    let time = libm::log(value("time_s")? / (value("vertices")? * value("frames")?));
+    let error = libm::log(value("rms_error_m")? / value("moved_m")?);
+    // An error below the reference's uncertainty is meaningless.
+    let error = if text("certain")? == "true" {
+        error
+    } else {
+        f64::NAN
+    };
+    let features = [steps, setting];
+    Some(Known {
+        scene: text("scene")?.to_owned(),
+        family,
+        features,
+        time,
+        error,
+    })
 }
 
 #[cfg(test)]

@@ -50,16 +50,9 @@ const CLEARLY: f64 = 0.7;
 /// Two settings that differ by less than this, relative to the length, differ by rounding.
 const NOTHING: f64 = 1e-9;
 
-/// Growth factor of the distance between two cheap settings over the whole scene, at least 1. The
-/// settings are the fastest within `target_m` [m] in the first frames, and the fastest that is
-/// clearly more accurate.
-fn growth(
-    scene: &Scene,
-    assets: &Assets,
-    study: &Study,
-    target_m: f64,
-    progress: &dyn Progress,
-) -> Result<f64, StudyError> {
+/// The fastest settings within `target_m` [m] in the first frames, and the fastest that are clearly
+/// more accurate.
+fn cheap_settings(study: &Study, target_m: f64) -> Option<(&StudyRow, &StudyRow)> {
     let own = |row: &&StudyRow| {
         row.status != Status::Diverged
             && SolverQuestion::of(&row.candidate.solver) == Some(study.question)
@@ -72,10 +65,21 @@ fn growth(
             .filter(|row| row.error.rms <= most);
         able.min_by(|a, b| a.time_s.total_cmp(&b.time_s))
     };
-    let Some(rough) = fastest(target_m).or_else(|| fastest(f64::INFINITY)) else {
-        return Ok(1.0);
-    };
-    let Some(fine) = fastest(CLEARLY * rough.error.rms) else {
+    let rough = fastest(target_m).or_else(|| fastest(f64::INFINITY))?;
+    Some((rough, fastest(CLEARLY * rough.error.rms)?))
+}
+
+/// Growth factor of the distance between two cheap settings over the whole scene, at least 1. The
+/// settings are the fastest within `target_m` [m] in the first frames, and the fastest that is
+/// clearly more accurate.
+fn growth(
+    scene: &Scene,
+    assets: &Assets,
+    study: &Study,
+    target_m: f64,
+    progress: &dyn Progress,
+) -> Result<f64, StudyError> {
+    let Some((rough, fine)) = cheap_settings(study, target_m) else {
         return Ok(1.0);
     };
     if study.frames >= scene.frames {

@@ -79,35 +79,58 @@ fn next(
         .filter(|row| keeps(row, target_m))
         .map(|row| row.time_s)
         .fold(f64::INFINITY, f64::min);
-    let expected = |c: &Candidate| Some((*c, model.expect(c)?, floor(c, study)?));
-    let open: Vec<(Candidate, Expected, f64)> = left.iter().filter_map(expected).collect();
-    let hopeful = |doubt: f64| {
-        let hopeful = move |(_, e, floor): &&(Candidate, Expected, f64)| {
-            floor + e.error_m / e.doubt <= target_m
-                && e.time_s / doubt <= WORTH * best
-                && e.time_s <= left_s
-        };
-        open.iter().filter(hopeful).collect::<Vec<_>>()
-    };
-    // The likely ones first, then possible surprises.
-    let likely = |(_, e, floor): &&(Candidate, Expected, f64)| floor + e.error_m <= target_m;
-    let fastest = |of: Vec<&(Candidate, Expected, f64)>| {
-        of.into_iter()
-            .min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s))
-            .map(|c| c.0)
-    };
-    let best_of = |these: Vec<&(Candidate, Expected, f64)>| {
-        fastest(these.iter().copied().filter(likely).collect()).or_else(|| fastest(these))
-    };
-    let found = best_of(hopeful(1.0)).or_else(|| best_of(hopeful(DOUBT_OF_TIME)));
-    if found.is_some() || best.is_finite() {
-        return found;
+    let mut open = Vec::new();
+    for candidate in left {
+        if let (Some(expected), Some(floor)) = (model.expect(candidate), floor(candidate, study)) {
+            open.push(Open {
+                candidate: *candidate,
+                expected,
+                floor,
+            });
+        }
+    }
+    for doubt in [1.0, DOUBT_OF_TIME] {
+        let mut hopeful: Vec<&Open> = open.iter().collect();
+        hopeful.retain(|o| {
+            o.floor + o.expected.error_m / o.expected.doubt <= target_m
+                && o.expected.time_s / doubt <= WORTH * best
+                && o.expected.time_s <= left_s
+        });
+        // The likely ones first, then possible surprises.
+        let likely = hopeful.iter().filter(|o| o.error_m() <= target_m);
+        let found = fastest(likely.copied()).or_else(|| fastest(hopeful.iter().copied()));
+        if found.is_some() {
+            return found;
+        }
+    }
+    if best.is_finite() {
+        return None;
     }
     // No candidate is within the target, and none is expected to be: chooses the nearest one.
-    let able = open.iter().filter(|(_, e, _)| e.time_s <= left_s);
-    let least = able.min_by(|a, b| (a.2 + a.1.error_m).total_cmp(&(b.2 + b.1.error_m)))?;
+    let able = open.iter().filter(|o| o.expected.time_s <= left_s);
+    let least = able.min_by(|a, b| a.error_m().total_cmp(&b.error_m()))?;
     let reached = study.rows.iter().map(total).fold(f64::INFINITY, f64::min);
-    (least.2 + least.1.error_m < reached).then_some(least.0)
+    (least.error_m() < reached).then_some(least.candidate)
+}
+
+/// A candidate that is not measured yet.
+struct Open {
+    candidate: Candidate,
+    expected: Expected,
+    /// Lower bound of its error [m].
+    floor: f64,
+}
+
+impl Open {
+    /// Expected total error [m].
+    fn error_m(&self) -> f64 {
+        self.floor + self.expected.error_m
+    }
+}
+
+fn fastest<'a>(of: impl Iterator<Item = &'a Open>) -> Option<Candidate> {
+    of.min_by(|a, b| a.expected.time_s.total_cmp(&b.expected.time_s))
+        .map(|open| open.candidate)
 }
 
 /// True if a run is within the target.

@@ -154,8 +154,7 @@ fn insert(
     let begun = Instant::now();
     let mut run = SkinRun::new(scene)?;
     // Its rounds are not shown.
-    let stopped = |_: &str, _: usize, _: usize| progress.report("", 0, 0);
-    if run.step(&stopped) != Stepped::Done {
+    if run.step(&|_: &str, _: usize, _: usize| progress.report("", 0, 0)) != Stepped::Done {
         return Ok(None);
     }
     let count =

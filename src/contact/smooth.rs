@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::Obstacle;
+use crate::mesh::measures::Aabb;
 
 /// Samples along the edge of a block that is tested as a whole.
 const BLOCK: usize = 4;
@@ -43,26 +44,29 @@ pub struct Smooth {
     pub hessian: Matrix3<f64>,
 }
 
+/// Number of samples along each axis, in whole blocks.
+fn sample_counts(bounds: &Aabb, spacing: f64, reach: f64) -> [usize; 3] {
+    let margin = reach + 2.0 * spacing;
+    let extents: [f64; 3] = bounds.inflate(margin).extents().into();
+    extents.map(|length| ((length / spacing).ceil() as usize + 1).next_multiple_of(BLOCK))
+}
+
 impl SmoothDistance {
     /// Samples the distance to an obstacle every `spacing` [m] where it is below `reach` [m]; the
     /// spacing increases if there would be more than [`MOST_SAMPLES`]. Over a surface of mean
     /// curvature H the smoothed distance differs by spacing^2 H / 3.
     pub fn new(obstacle: &dyn Obstacle, spacing: f64, reach: f64) -> Self {
         let bounds = obstacle.bounding_box();
-        let size = |spacing: f64| {
-            let margin = reach + 2.0 * spacing;
-            let extents = bounds.inflate(margin).extents();
-            let samples =
-                |length: f64| ((length / spacing).ceil() as usize + 1).next_multiple_of(BLOCK);
-            [samples(extents.x), samples(extents.y), samples(extents.z)]
+        let total = |spacing: f64| {
+            let counts = sample_counts(&bounds, spacing, reach);
+            counts.iter().map(|n| *n as f64).product::<f64>()
         };
-        let total = |spacing: f64| size(spacing).iter().map(|n| *n as f64).product::<f64>();
         // NaN is no spacing either.
         let mut spacing = spacing.max(FINEST * bounds.inflate(reach).extents().amax());
         while total(spacing) > MOST_SAMPLES as f64 {
             spacing *= 1.25;
         }
-        let count = size(spacing);
+        let count = sample_counts(&bounds, spacing, reach);
         let origin = bounds.inflate(reach + 2.0 * spacing).min;
         let mut made = Self {
             origin,

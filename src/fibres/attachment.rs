@@ -319,10 +319,11 @@ fn from_list(muscle: &TriangleMesh, end: MuscleEnd, list: &[u32]) -> Result<Area
         t.iter()
             .any(|&v| listed[v as usize] && !spanned[v as usize])
     };
-    let taken = |t: &usize| whole(&muscle.triangles[*t]) || lone(&muscle.triangles[*t]);
-    let triangles: Vec<u32> = (0..muscle.triangles.len())
-        .filter(taken)
-        .map(|t| t as u32)
+    let triangles: Vec<u32> = (0..muscle.triangles.len() as u32)
+        .filter(|t| {
+            let corners = &muscle.triangles[*t as usize];
+            whole(corners) || lone(corners)
+        })
         .collect();
     if triangles.is_empty() {
         return Err(AttachmentError::Empty { end });

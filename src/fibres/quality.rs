@@ -184,10 +184,10 @@ pub fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> f64 {
 
 fn spacing_min(fibres: &[Vec<Point3<f64>>]) -> f64 {
     let tree = segments(fibres);
-    let of = |(n, fibre): (usize, &Vec<Point3<f64>>)| {
-        std::iter::repeat_n(n, fibre.len().saturating_sub(1))
-    };
-    let fibre_of: Vec<usize> = fibres.iter().enumerate().flat_map(of).collect();
+    let mut fibre_of = Vec::new();
+    for (n, fibre) in fibres.iter().enumerate() {
+        fibre_of.extend(std::iter::repeat_n(n, fibre.len().saturating_sub(1)));
+    }
     let nearest = |(n, fibre): (usize, &Vec<Point3<f64>>)| {
         let inner = fibre.iter().skip(1).take(fibre.len().saturating_sub(2));
         let to = |p| tree.closest_of(p, f64::INFINITY, |t| fibre_of[t as usize] != n);

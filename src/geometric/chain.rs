@@ -247,13 +247,17 @@ impl Chain {
         }
     }
 
+    /// Radius of a node at a change s [m]; rounding can make it negative.
+    fn radius_at(&self, node: usize, s: f64) -> f64 {
+        self.rest.radii[node] + self.rest.growth[node] * s
+    }
+
     /// Sum of the squares of all frusta, and the volume of the caps divided by pi, at a change s.
     fn volume_over_pi(&self, s: f64) -> (f64, f64) {
         let [a, b, c] = self.square;
         let n = self.radii.len();
-        let end = |i: usize| self.rest.radii[i] + self.rest.growth[i] * s;
         let ends = if self.rest.caps == Caps::In {
-            caps(end(0), end(n - 1))
+            caps(self.radius_at(0, s), self.radius_at(n - 1, s))
         } else {
             0.0
         };
@@ -316,21 +320,21 @@ impl Chain {
     fn change_with_caps(&self, spacing: f64) -> Option<f64> {
         let [a, b, _] = self.square;
         let n = self.radii.len();
-        let wanted = self.volume / PI;
-        let end = |i: usize, s: f64| self.rest.radii[i] + self.rest.growth[i] * s;
+        let target = self.volume / PI;
         let value = |s: f64| {
             let (frusta, ends) = self.volume_over_pi(s);
-            spacing * frusta + ends - wanted
+            spacing * frusta + ends - target
         };
         let slope = |s: f64| {
-            let of_end = |i: usize| 2.0 * self.rest.growth[i] * end(i, s).powi(2);
-            spacing * (2.0 * a * s + b) + of_end(0) + of_end(n - 1)
+            let [first, last] =
+                [0, n - 1].map(|i| 2.0 * self.rest.growth[i] * self.radius_at(i, s).powi(2));
+            spacing * (2.0 * a * s + b) + first + last
         };
         if value(self.least.0) > 0.0 {
             return None;
         }
         // The root for the frusta alone is at least as large.
-        let volume_of_frusta = wanted / spacing;
+        let volume_of_frusta = target / spacing;
         let mut s = 2.0 * volume_of_frusta / (b + (b * b + 4.0 * a * volume_of_frusta).sqrt());
         for _ in 0..200 {
             let next = (s - value(s) / slope(s)).max(self.least.0);

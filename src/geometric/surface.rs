@@ -30,24 +30,23 @@ pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
     let step = 2.0 * PI / f64::from(around);
     let wider = (step / libm::sin(step)).sqrt();
     let mut mesh = TriangleMesh::default();
-    let on_axis = |x: f64| Point3::new(x, 0.0, 0.0);
     // A ring of radius 0 is one vertex.
     let mut firsts: Vec<(u32, u32)> = Vec::new();
     for (x, r) in rings {
         let first = mesh.vertices.len() as u32;
         if r > 0.0 {
-            let angle = |k: u32| step * f64::from(k);
             let corner = |k: u32| {
+                let angle = step * f64::from(k);
                 Point3::new(
                     x,
-                    r * wider * libm::cos(angle(k)),
-                    r * wider * libm::sin(angle(k)),
+                    r * wider * libm::cos(angle),
+                    r * wider * libm::sin(angle),
                 )
             };
             mesh.vertices.extend((0..around).map(corner));
             firsts.push((first, around));
         } else {
-            mesh.vertices.push(on_axis(x));
+            mesh.vertices.push(Point3::new(x, 0.0, 0.0));
             firsts.push((first, 1));
         }
     }

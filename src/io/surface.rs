@@ -186,41 +186,43 @@ impl Surface {
 /// of the fan may face the other side by more than that area. A polygon with only smaller areas has
 /// no side and counts as flat.
 fn flat_and_convex(vertices: &[Point3<f64>], fan: &[[u32; 3]]) -> Option<bool> {
-    let (Some(&[first, second, _]), Some(origin)) =
-        (fan.first(), fan.first().map(|t| t[0] as usize))
-    else {
+    let Some(&[first, second, _]) = fan.first() else {
         return Some(true);
     };
-    let origin = vertices.get(origin)?;
+    let outline: Vec<u32> = [first, second]
+        .into_iter()
+        .chain(fan.iter().map(|t| t[2]))
+        .collect();
+    let origin = vertices.get(first as usize)?;
     // A quarter of each, because the difference of two large numbers can be infinite.
     let from_first = |i: u32| Some(vertices.get(i as usize)?.coords * 0.25 - origin.coords * 0.25);
-    let outline = || [first, second].into_iter().chain(fan.iter().map(|t| t[2]));
     let mut extent = 0.0f64;
-    for i in outline() {
+    for &i in &outline {
         extent = extent.max(from_first(i)?.amax());
     }
     if extent == 0.0 {
         return Some(true);
     }
     let corner = |i: u32| from_first(i).unwrap_or_default() / extent;
-    let areas = || fan.iter().map(|t| corner(t[1]).cross(&corner(t[2])));
-    let total: Vector3<f64> = areas().sum();
-    let largest = areas().map(|a| a.norm()).fold(0.0, f64::max);
+    let areas: Vec<Vector3<f64>> = fan
+        .iter()
+        .map(|t| corner(t[1]).cross(&corner(t[2])))
+        .collect();
+    let largest = areas.iter().map(|a| a.norm()).fold(0.0, f64::max);
     if largest <= FLATNESS {
         return Some(true);
     }
-    let Some(normal) = total.try_normalize(FLATNESS) else {
+    let Some(normal) = areas.iter().sum::<Vector3<f64>>().try_normalize(FLATNESS) else {
         return Some(false);
     };
-    let flat = outline().all(|i| corner(i).dot(&normal).abs() <= FLATNESS);
-    let turns = || {
-        let (next, after) = (outline().cycle().skip(1), outline().cycle().skip(2));
-        outline()
-            .zip(next)
-            .zip(after)
-            .map(|((a, b), c)| (corner(b) - corner(a)).cross(&(corner(c) - corner(b))))
-    };
-    Some(flat && areas().chain(turns()).all(|a| a.dot(&normal) >= -FLATNESS))
+    let corners: Vec<Vector3<f64>> = outline.into_iter().map(corner).collect();
+    let flat = corners.iter().all(|c| c.dot(&normal).abs() <= FLATNESS);
+    let turns = (0..corners.len()).map(|k| {
+        let [a, b, c] = [k, k + 1, k + 2].map(|k| corners[k % corners.len()]);
+        (b - a).cross(&(c - b))
+    });
+    let mut both = areas.iter().copied().chain(turns);
+    Some(flat && both.all(|a| a.dot(&normal) >= -FLATNESS))
 }
 
 #[cfg(test)]

@@ -192,21 +192,21 @@ impl SurfaceTree {
         cosine: f64,
         within: f64,
     ) -> bool {
-        let admit = |t: usize| self.normals[t].dot(normal) > cosine;
+        let faces = |t: usize| self.normals[t].dot(normal) > cosine;
         let t = likely.get() as usize;
-        let is_near = |corners: &[Point3<f64>; 3]| {
-            admit(t) && (p - closest_on_triangle(p, corners)).norm_squared() <= within * within
-        };
-        if self.corners.get(t).is_some_and(is_near) {
+        if let Some(corners) = self.corners.get(t)
+            && faces(t)
+            && (p - closest_on_triangle(p, corners)).norm_squared() <= within * within
+        {
             return true;
         }
+        // The last admitted triangle is the result.
         let admit = |t: usize| {
-            // The last admitted triangle is the result.
-            let does = admit(t);
-            if does {
+            let is_admitted = faces(t);
+            if is_admitted {
                 likely.set(t as u32);
             }
-            does
+            is_admitted
         };
         self.search(p, within, admit, true).is_some()
     }

@@ -23,6 +23,14 @@ pub struct Inside<'a> {
     listed: Vec<u32>,
 }
 
+/// Number of cells in all ranges.
+fn entries(ranges: &[[usize; 4]]) -> usize {
+    ranges
+        .iter()
+        .map(|[y0, y1, z0, z1]| (y1 - y0 + 1) * (z1 - z0 + 1))
+        .sum()
+}
+
 impl<'a> Inside<'a> {
     /// Sorts the triangles into about as many cells as triangles. Large triangles get fewer cells,
     /// so that the lists have only a few entries per triangle.
@@ -37,26 +45,15 @@ impl<'a> Inside<'a> {
             start: Vec::new(),
             listed: Vec::new(),
         };
-        let of_all = |this: &Self| {
-            (0..triangles.len())
-                .map(|t| this.cells_of(t))
-                .collect::<Vec<_>>()
-        };
-        let mut ranges = of_all(&this);
-        let entries = |ranges: &[[usize; 4]]| {
-            ranges
-                .iter()
-                .map(|[a, b, c, d]| (b - a + 1) * (d - c + 1))
-                .sum::<usize>()
-        };
+        let mut ranges = this.ranges();
         while this.cells > 1 && entries(&ranges) > ENTRIES * triangles.len() {
             this.cells /= 2;
-            ranges = of_all(&this);
+            ranges = this.ranges();
         }
         let cells = this.cells;
-        let visit = |deed: &mut dyn FnMut(usize, usize)| {
+        let visit = |action: &mut dyn FnMut(usize, usize)| {
             for (t, &[y0, y1, z0, z1]) in ranges.iter().enumerate() {
-                (y0..=y1).for_each(|y| (z0..=z1).for_each(|z| deed(t, y * cells + z)));
+                (y0..=y1).for_each(|y| (z0..=z1).for_each(|z| action(t, y * cells + z)));
             }
         };
         let mut start = vec![0u32; cells * cells + 1];
@@ -70,6 +67,13 @@ impl<'a> Inside<'a> {
         });
         (this.start, this.listed) = (start, listed);
         this
+    }
+
+    /// The cells of each triangle: the first and last along y, and along z.
+    fn ranges(&self) -> Vec<[usize; 4]> {
+        (0..self.triangles.len())
+            .map(|t| self.cells_of(t))
+            .collect()
     }
 
     fn cell(&self, value: f64, axis: usize) -> usize {

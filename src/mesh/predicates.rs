@@ -108,46 +108,45 @@ fn segments_meet(axis: usize, [p, q]: [&Point3<f64>; 2], [a, b]: [&Point3<f64>; 
 /// Two triangles with a common edge intersect elsewhere only where one is folded onto the other.
 /// Two triangles with three common corners are duplicates; this function does not test for them.
 pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> bool {
-    let names = [s[0], s[1], s[2], t[0], t[1], t[2]];
-    let points = near_one(names.map(&at));
-    let at = |v: u32| points[names.iter().position(|n| *n == v).unwrap_or(0)];
-    let of = |names: [u32; 3]| names.map(&at);
-    let shared = |v: &u32| t.contains(v);
-    let opposite = |names: [u32; 3], k: usize| [at(names[(k + 1) % 3]), at(names[(k + 2) % 3])];
-    match s.iter().filter(|v| shared(v)).count() {
+    let [s0, s1, s2, t0, t1, t2] = near_one([s[0], s[1], s[2], t[0], t[1], t[2]].map(at));
+    let (of_s, of_t) = ([s0, s1, s2], [t0, t1, t2]);
+    match s.iter().filter(|v| t.contains(v)).count() {
         0 => {
-            let meets = |one: [u32; 3], other: [u32; 3]| {
-                let other = of(other);
-                (0..3).any(|k| {
-                    let [p, q] = opposite(one, k);
-                    segment_meets(&p, &q, &other)
-                })
-            };
-            meets(s, t) || meets(t, s)
+            (0..3).any(|k| opposite_side_meets(&of_s, k, &of_t))
+                || (0..3).any(|k| opposite_side_meets(&of_t, k, &of_s))
         }
         1 => {
-            let meets = |one: [u32; 3], other: [u32; 3]| {
-                let k = one.iter().position(|v| other.contains(v)).unwrap_or(0);
-                let [p, q] = opposite(one, k);
-                segment_meets(&p, &q, &of(other))
+            let shared = |one: [u32; 3], other: [u32; 3]| {
+                one.iter().position(|v| other.contains(v)).unwrap_or(0)
             };
-            meets(s, t) || meets(t, s)
+            opposite_side_meets(&of_s, shared(s, t), &of_t)
+                || opposite_side_meets(&of_t, shared(t, s), &of_s)
         }
         2 => {
-            let apex =
-                |names: [u32; 3], other: [u32; 3]| names.into_iter().find(|v| !other.contains(v));
-            let (Some(c), Some(d)) = (apex(s, t), apex(t, s)) else {
-                return false;
-            };
-            let edge: Vec<Point3<f64>> = s.into_iter().filter(shared).map(&at).collect();
-            let (Some(axis), [a, b]) = (open_axis(&of(s)), &edge[..]) else {
-                return false;
-            };
-            let same_side = (turn(axis, a, b, &at(c)) > 0.0) == (turn(axis, a, b, &at(d)) > 0.0);
-            side(&of(s), &at(d)) == 0.0 && same_side
+            let apex = |one: [u32; 3], other: [u32; 3]| one.iter().position(|v| !other.contains(v));
+            match (apex(s, t), apex(t, s)) {
+                (Some(c), Some(d)) => is_folded(&of_s, c, &of_t[d]),
+                _ => false,
+            }
         }
         _ => false,
     }
+}
+
+/// True if the side of a triangle opposite its corner `k` shares a point with another triangle.
+fn opposite_side_meets(one: &[Point3<f64>; 3], k: usize, other: &[Point3<f64>; 3]) -> bool {
+    segment_meets(&one[(k + 1) % 3], &one[(k + 2) % 3], other)
+}
+
+/// True if the corner `d` of the triangle beyond the side opposite corner `c` lies in the plane of
+/// `triangle`, on the same side of that edge as `c`.
+fn is_folded(triangle: &[Point3<f64>; 3], c: usize, d: &Point3<f64>) -> bool {
+    let Some(axis) = open_axis(triangle) else {
+        return false;
+    };
+    let [a, b] = [[1, 2], [0, 2], [0, 1]][c].map(|k| &triangle[k]);
+    let same_side = (turn(axis, a, b, &triangle[c]) > 0.0) == (turn(axis, a, b, d) > 0.0);
+    side(triangle, d) == 0.0 && same_side
 }
 
 #[cfg(test)]

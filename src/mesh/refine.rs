@@ -292,18 +292,22 @@ fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) -> usize {
             break;
         }
         let better = |w: &Working<'_>, quad: [u32; 4], old: f64, new: f64| {
-            let excess = |by: [i32; 4]| -> i32 {
-                let one = |(&v, by): (&u32, i32)| {
-                    let regular = if w.boundary[v as usize] { 3 } else { 6 };
-                    (w.rings[v as usize].len() as i32 + by - regular).pow(2)
-                };
-                quad.iter().zip(by).map(one).sum()
-            };
-            excess([-1, -1, 1, 1]) < excess([0; 4]) && new >= 0.6 * old
+            excess(w, quad, [-1, -1, 1, 1]) < excess(w, quad, [0; 4]) && new >= 0.6 * old
         };
         flips += usize::from(working.flip(a, b, &limits, better));
     }
     flips
+}
+
+/// Sum of the squared differences of the valences from regular ones, after a change of the
+/// valences.
+fn excess(working: &Working<'_>, quad: [u32; 4], change: [i32; 4]) -> i32 {
+    let mut sum = 0;
+    for (v, change) in quad.into_iter().zip(change) {
+        let regular = if working.boundary[v as usize] { 3 } else { 6 };
+        sum += (working.rings[v as usize].len() as i32 + change - regular).pow(2);
+    }
+    sum
 }
 
 /// Moves each vertex towards the centroid of its ring, within the surface.

@@ -39,13 +39,11 @@ pub fn moment_arms(lengths: &[f64], step: f64, around: usize) -> Vec<f64> {
 /// position from the middle.
 fn fitted_slope(values: &[f64], at: f64) -> f64 {
     let m = (values.len() / 2) as f64;
-    let place = |k: usize| k as f64 - m;
-    let sum = |power: i32| (0..values.len()).map(|k| place(k).powi(power)).sum::<f64>();
+    let places: Vec<f64> = (0..values.len()).map(|k| k as f64 - m).collect();
+    let sum = |power: i32| places.iter().map(|x| x.powi(power)).sum::<f64>();
     let of = |power: i32| {
-        values
-            .iter()
-            .enumerate()
-            .map(|(k, v)| (v - values[0]) * place(k).powi(power))
+        let both = values.iter().zip(&places);
+        both.map(|(v, x)| (v - values[0]) * x.powi(power))
             .sum::<f64>()
     };
     let [s0, s2, s4, s6] = [0, 2, 4, 6].map(sum);

@@ -253,15 +253,14 @@ impl Table {
             .iter()
             .position(|h| h.starts_with("moment_arm"))
             .ok_or_else(header)?;
-        let text = |row: &(u64, Vec<String>), c: usize| row.1.get(c).cloned().unwrap_or_default();
         let (mut names, mut curves) = (Vec::new(), Vec::new());
         for side in ["lb", "ub"] {
-            let wanted = |row: &&(u64, Vec<String>)| {
-                means(&text(row, of), muscle)
+            let mut rows: Vec<_> = self.rows.iter().collect();
+            rows.retain(|row| {
+                means(text(row, of), muscle)
                     && text(row, about) == coordinate
                     && text(row, bound) == side
-            };
-            let rows: Vec<_> = self.rows.iter().filter(wanted).collect();
+            });
             if let Some(first) = rows.first() {
                 names.push(format!("{} {side}", text(first, of)));
                 curves.push(self.curve(&rows, angle, arm)?);
@@ -356,6 +355,11 @@ fn value(curve: &[(f64, f64)], angle: f64) -> Option<f64> {
     }
     let before = curve.get(next.checked_sub(1)?)?;
     Some(before.1 + (after.1 - before.1) * (angle - before.0) / (after.0 - before.0))
+}
+
+/// The text of a field; empty if it is missing.
+fn text(row: &(u64, Vec<String>), column: usize) -> &str {
+    row.1.get(column).map_or("", String::as_str)
 }
 
 #[cfg(test)]

@@ -42,6 +42,13 @@ pub enum BlendError {
     Factor(#[from] FactorError),
 }
 
+/// The matrix of the rotation about `turn` by its length [rad].
+fn matrix_of(turn: Vector3<f64>) -> Matrix3<f64> {
+    *UnitQuaternion::from_scaled_axis(turn)
+        .to_rotation_matrix()
+        .matrix()
+}
+
 fn check(first: &[Point3<f64>], second: &[Point3<f64>]) -> Result<(), BlendError> {
     let (first, second) = (first.len(), second.len());
     if first == second {
@@ -283,20 +290,10 @@ impl Laplacian {
             .zip(&end)
             .map(|(a, b)| a * (1.0 - t) + b * t)
             .collect();
-        let part = |turn: &Vector3<f64>| {
-            *UnitQuaternion::from_scaled_axis(turn * t)
-                .to_rotation_matrix()
-                .matrix()
-        };
-        let rest = |turn: &Vector3<f64>| {
-            *UnitQuaternion::from_scaled_axis(turn * (t - 1.0))
-                .to_rotation_matrix()
-                .matrix()
-        };
         let turned: Vec<_> = self
             .turns
             .iter()
-            .map(|turn| (part(turn), rest(turn)))
+            .map(|turn| (matrix_of(turn * t), matrix_of(turn * (t - 1.0))))
             .collect();
         // Solves for the difference to the linear blend, so that it is zero at either end.
         let mut rhs = vec![0.0; 3 * count];

@@ -9,7 +9,7 @@ use super::align::{AlignError, Moving, move_features, nearest_rotation};
 use super::locate::{Located, Locator};
 use super::overlay::{Overlay, OverlayError, OverlayOrigin};
 use super::pose::{InitialPose, Start, by_shape};
-use super::shape_similarity::{Match, ShapeSimilarity};
+use super::shape_similarity::ShapeSimilarity;
 use super::sphere::relaxation::{Effort, Relaxation};
 use super::sphere::{SphereError, SphereMap};
 use super::warp::{Target, warped};
@@ -227,17 +227,11 @@ impl Correspondence {
                 .copied()
                 .unwrap_or(f64::NAN)
         };
-        let value = |on: &On, k: usize| {
-            let [a, b, c] = on.corners.map(|v| at(v, k));
-            // The difference form keeps the number of a vertex to the last bit; a NaN stays where
-            // its weight is not zero.
-            let part = |d: f64, w: f64| if w == 0.0 { 0.0 } else { d * w };
-            a + part(b - a, on.weights[0]) + part(c - a, on.weights[1])
-        };
-        self.on[side]
-            .iter()
-            .flat_map(|on| (0..components).map(move |k| value(on, k)))
-            .collect()
+        let mut carried = Vec::with_capacity(self.on[side].len() * components);
+        for on in &self.on[side] {
+            carried.extend((0..components).map(|k| on.interpolated(on.corners.map(|v| at(v, k)))));
+        }
+        carried
     }
 }
 
@@ -254,6 +248,13 @@ impl On {
             corners: map.triangles()[at.triangle as usize],
             weights: [at.weights[1], at.weights[2]],
         }
+    }
+
+    /// The number at this place from those at the corners. The difference form keeps the number of
+    /// a vertex to the last bit; a NaN stays where its weight is not zero.
+    fn interpolated(&self, [a, b, c]: [f64; 3]) -> f64 {
+        let part = |d: f64, w: f64| if w == 0.0 { 0.0 } else { d * w };
+        a + part(b - a, self.weights[0]) + part(c - a, self.weights[1])
     }
 
     fn between([a, b]: [u32; 2], along: f64) -> Self {
@@ -359,12 +360,14 @@ fn by_shape_similarity(
     } = by_shape([&first, &second], &shape_similarity);
     let [first, second] = turned(first, second, &turn)?;
     if alike == Alike::Drawn {
-        let target = |m: &Match| Target {
-            vertex: m.vertices[0],
-            to: second.points()[m.vertices[1] as usize],
-            weight: m.weight,
-        };
-        let targets: Vec<Target> = matches.iter().map(target).collect();
+        let targets: Vec<Target> = matches
+            .iter()
+            .map(|m| Target {
+                vertex: m.vertices[0],
+                to: second.points()[m.vertices[1] as usize],
+                weight: m.weight,
+            })
+            .collect();
         let found = warped(&first, &targets);
         let nearer = |map: &SphereMap| {
             shape_similarity.apart([map, &second], &pose)

@@ -549,6 +549,18 @@ fn change(key: String, item: &Item<'_>) -> Read<StudyChange> {
     })
 }
 
+/// A key as TOML, quoted where it must be.
+fn toml_key(key: &str) -> Option<String> {
+    let is_bare = key
+        .chars()
+        .all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+    if is_bare && !key.is_empty() {
+        Some(key.to_owned())
+    } else {
+        serde_json::to_string(key).ok()
+    }
+}
+
 /// A value as TOML in one line; `None` if it contains a date.
 fn toml_of(value: &Value) -> Option<String> {
     Some(match value {
@@ -564,19 +576,13 @@ fn toml_of(value: &Value) -> Option<String> {
             format!("[{}]", all?.join(", "))
         }
         Value::Table(table) => {
-            let bare = |key: &str| {
-                key.chars()
-                    .all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
+            let pair = |e: &tree::Entry| {
+                Some(format!(
+                    "{} = {}",
+                    toml_key(&e.key)?,
+                    toml_of(&e.node.value)?
+                ))
             };
-            let key = |key: &str| {
-                if bare(key) && !key.is_empty() {
-                    Some(key.to_owned())
-                } else {
-                    serde_json::to_string(key).ok()
-                }
-            };
-            let pair =
-                |e: &tree::Entry| Some(format!("{} = {}", key(&e.key)?, toml_of(&e.node.value)?));
             let all: Option<Vec<String>> = table.entries.iter().map(pair).collect();
             format!("{{{}}}", all?.join(", "))
         }

@@ -136,14 +136,15 @@ impl Assets {
     /// # Errors
     /// A file that cannot be read, or that lacks something the scene needs.
     pub fn load(scene: &Scene) -> Result<Self, LoadError> {
-        let all = |count: usize| (0..count).into_par_iter();
         let bones = || {
-            all(scene.bones.len())
+            (0..scene.bones.len())
+                .into_par_iter()
                 .map(|b| load_bone(scene, b))
                 .collect::<Vec<_>>()
         };
         let muscles = || {
-            all(scene.muscles.len())
+            (0..scene.muscles.len())
+                .into_par_iter()
                 .map(|m| load_muscle(scene, m))
                 .collect::<Vec<_>>()
         };
@@ -208,32 +209,37 @@ fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), Loa
 }
 
 fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
-    let muscle = &scene.muscles[m];
-    let patch = |(a, area): (usize, &AreaSpec)| match area {
+    let areas = scene.muscles[m].attachments.iter().map(|a| &a.area);
+    areas
+        .enumerate()
+        .map(|(a, area)| load_patch(scene, m, a, area))
+        .collect()
+}
+
+/// The patch of area `a` of muscle `m`; `None` for an area without a patch.
+fn load_patch(
+    scene: &Scene,
+    m: usize,
+    a: usize,
+    area: &AreaSpec,
+) -> Result<Option<TriangleMesh>, LoadError> {
+    let (source, component) = match area {
         AreaSpec::Patch {
             source, component, ..
-        } => {
-            let part = format!("attachment of muscle `{}`", muscle.name);
-            let key = format!("muscle.{m}.attachment.{a}");
-            let whole = surface(scene, source, &key, "patch", part.clone())?;
-            let fault = || Fault::NoSuchComponent {
-                file: name_of(source),
-                index: component.unwrap_or(0),
-            };
-            let missing = || LoadError::new(scene, &format!("{key}.patch"), part, fault());
-            super::attachments::component(&whole, *component)
-                .ok_or_else(missing)
-                .map(Some)
-        }
-        AreaSpec::Near(_) | AreaSpec::Vertices(_) => Ok(None),
+        } => (source, *component),
+        AreaSpec::Near(_) | AreaSpec::Vertices(_) => return Ok(None),
     };
-    muscle
-        .attachments
-        .iter()
-        .map(|a| &a.area)
-        .enumerate()
-        .map(patch)
-        .collect()
+    let part = format!("attachment of muscle `{}`", scene.muscles[m].name);
+    let key = format!("muscle.{m}.attachment.{a}");
+    let whole = surface(scene, source, &key, "patch", part.clone())?;
+    if let Some(patch) = super::attachments::component(&whole, component) {
+        return Ok(Some(patch));
+    }
+    let fault = Fault::NoSuchComponent {
+        file: name_of(source),
+        index: component.unwrap_or(0),
+    };
+    Err(LoadError::new(scene, &format!("{key}.patch"), part, fault))
 }
 
 fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {

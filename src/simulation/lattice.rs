@@ -237,8 +237,10 @@ fn surface(shape: &LatticeShape) -> (Vec<[usize; 3]>, TriangleMesh) {
                     number(p)
                 };
                 let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
-                let outward = |[p, q, r]: [u32; 3]| if side == 0 { [p, r, q] } else { [p, q, r] };
-                triangles.extend([outward([a, b, c]), outward([a, c, d])]);
+                triangles.extend(
+                    [[a, b, c], [a, c, d]]
+                        .map(|[p, q, r]| if side == 0 { [p, r, q] } else { [p, q, r] }),
+                );
             }
         }
     }

@@ -375,76 +375,77 @@ impl Making<'_> {
 
     /// Groups of implants that share skin.
     fn implants(&self, all: &[ImplantFill]) -> Result<Vec<SkinPart>, LoadError> {
-        let refused = |(k, error): (usize, SkinError)| {
-            self.refused(
-                &format!("implant.{k}{}", key_of(&error)),
-                format!("implant `{}`", all[k].name),
-                error,
-            )
-        };
         let orders: Vec<ImplantSpec> = all.iter().map(|filled| filled.order.clone()).collect();
-        // If no implant can touch any of them, the preparation of the skin rejects all.
-        let none_near = orders.iter().all(|order| self.near(order).is_empty());
-        let near = |members: &[usize]| -> Vec<usize> {
-            if none_near {
-                return (0..self.obstacles.len()).collect();
-            }
-            let each: BTreeSet<usize> = members
-                .iter()
-                .flat_map(|k| self.near(&orders[*k]))
-                .collect();
-            each.into_iter().collect()
-        };
-        let meet = |members: &[usize]| {
-            near(members)
+        let obstacles = |members: &[usize]| {
+            self.near_any(all, members)
                 .into_iter()
                 .map(|o| self.obstacles[o].clone())
                 .collect()
         };
-        let mut parts = Vec::new();
-        for (mut ready, members) in
-            grouped(self.skin, &orders, meet, self.progress).map_err(refused)?
-        {
-            ready.method = self.scene.skin.method;
-            let most = |k: &usize| {
-                let reached = all[*k]
-                    .fill
-                    .iter()
-                    .filter(|(at, _)| *at <= self.scene.frames)
-                    .map(|(_, volume)| *volume);
-                match all[*k].course {
-                    FillCourse::Target(_) => orders[*k].implant.volume,
-                    _ => reached.fold(all[*k].volume_at(self.scene.frames), f64::max),
-                }
-            };
-            let volumes: Vec<f64> = members.iter().map(most).collect();
-            for (k, volume) in members.iter().zip(&volumes) {
-                let implant = orders[*k].implant;
-                if *volume > implant.largest(ready.layers.edge) {
-                    let error = Implant {
-                        volume: *volume,
-                        ..implant
-                    }
-                    .too_large(ready.layers.edge);
-                    return Err(refused((*k, error)));
-                }
+        let groups = grouped(self.skin, &orders, obstacles, self.progress)
+            .map_err(|(k, error)| self.refused_implant(all, k, error))?;
+        groups
+            .into_iter()
+            .map(|(ready, members)| self.group(all, ready, members))
+            .collect()
+    }
+
+    /// The part for implants that share skin.
+    fn group(
+        &self,
+        all: &[ImplantFill],
+        mut ready: PreparedPatch,
+        members: Vec<usize>,
+    ) -> Result<SkinPart, LoadError> {
+        ready.method = self.scene.skin.method;
+        let mut volumes = Vec::with_capacity(members.len());
+        for &k in &members {
+            let volume = self.greatest_volume(&all[k]);
+            let implant = all[k].order.implant;
+            if volume > implant.largest(ready.layers.edge) {
+                let error = Implant { volume, ..implant }.too_large(ready.layers.edge);
+                return Err(self.refused_implant(all, k, error));
             }
-            ready
-                .takes(&volumes)
-                .map_err(|error| refused((members[0], error)))?;
-            let shells = ready
-                .pockets()
-                .map_err(|error| refused((members[0], error)))?;
-            let names: Vec<&str> = members.iter().map(|k| all[*k].name.as_str()).collect();
-            let obstacles = near(&members);
-            parts.push(SkinPart {
-                members,
-                shells,
-                obstacles,
-                ..part(names.join(" and "), ready)
-            });
+            volumes.push(volume);
         }
-        Ok(parts)
+        let refused = |error| self.refused_implant(all, members[0], error);
+        ready.takes(&volumes).map_err(refused)?;
+        let shells = ready.pockets().map_err(refused)?;
+        let names: Vec<&str> = members.iter().map(|k| all[*k].name.as_str()).collect();
+        let obstacles = self.near_any(all, &members);
+        Ok(SkinPart {
+            members,
+            shells,
+            obstacles,
+            ..part(names.join(" and "), ready)
+        })
+    }
+
+    /// The greatest volume of an implant in the frames of the scene [m^3].
+    fn greatest_volume(&self, filled: &ImplantFill) -> f64 {
+        if let FillCourse::Target(_) = filled.course {
+            return filled.order.implant.volume;
+        }
+        let last = self.scene.frames;
+        filled
+            .fill
+            .iter()
+            .filter(|(at, _)| *at <= last)
+            .map(|(_, volume)| *volume)
+            .fold(filled.volume_at(last), f64::max)
+    }
+
+    /// The obstacles that any of several implants can touch, ascending. All obstacles if no implant
+    /// of the scene can touch one: the preparation of the skin then rejects them.
+    fn near_any(&self, all: &[ImplantFill], members: &[usize]) -> Vec<usize> {
+        if all.iter().all(|filled| self.near(&filled.order).is_empty()) {
+            return (0..self.obstacles.len()).collect();
+        }
+        let mut each = BTreeSet::new();
+        for k in members {
+            each.extend(self.near(&all[*k].order));
+        }
+        each.into_iter().collect()
     }
 
     /// The obstacles that an implant can touch.
@@ -465,6 +466,11 @@ impl Making<'_> {
         (0..self.obstacles.len())
             .filter(|&o| self.obstacles[o].bounding_box().intersects(&around))
             .collect()
+    }
+
+    fn refused_implant(&self, all: &[ImplantFill], k: usize, error: SkinError) -> LoadError {
+        let key = format!("implant.{k}{}", key_of(&error));
+        self.refused(&key, format!("implant `{}`", all[k].name), error)
     }
 
     fn refused(&self, key: &str, part: String, error: SkinError) -> LoadError {

@@ -35,27 +35,20 @@ impl Simulation {
     fn has_obstacles_of(&self, other: &Self) -> bool {
         let shape =
             |capsule: &crate::scene::Capsule| (capsule.bone, capsule.segment, capsule.radius);
-        let capsules = self.scene.capsules.iter().map(shape).eq(other
-            .scene
-            .capsules
-            .iter()
-            .map(shape));
+        let capsules = self.scene.capsules.iter().map(shape);
         let same = |(a, b): (&PosedObstacle, &PosedObstacle)| {
             a.obstacle.contact_samples() == b.obstacle.contact_samples()
         };
-        let stays = |(b, placed): (usize, &PosedObstacle)| {
-            same_pose(&self.pose(b, self.frame as f64), &placed.now)
-        };
-        let bones = self.placed.len() == other.placed.len()
-            && self.placed.iter().zip(&other.placed).all(same);
-        capsules
-            && bones
-            && other
-                .placed
-                .iter()
-                .take(self.scene.bones.len())
-                .enumerate()
-                .all(stays)
+        if !capsules.eq(other.scene.capsules.iter().map(shape))
+            || self.placed.len() != other.placed.len()
+            || !self.placed.iter().zip(&other.placed).all(same)
+        {
+            return false;
+        }
+        let bones = other.placed.iter().take(self.scene.bones.len());
+        bones
+            .enumerate()
+            .all(|(b, placed)| same_pose(&self.pose(b, self.frame as f64), &placed.now))
     }
 
     /// Moves a bone from its pose to `pose` in the next frame; the bone stays there.

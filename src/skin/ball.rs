@@ -71,24 +71,20 @@ impl PreparedPatch {
         let slope = |r: f64| on_ball(r) / (rim - r);
         let places = (0..PLACES).map(|k| ball.radius * f64::from(k) / f64::from(PLACES));
         let leaves = places.fold(0.0, |best, r| if slope(r) > slope(best) { r } else { best });
-        let lift = |v: usize| {
-            let away = (self
-                .frame
-                .inverse_transform_point(&self.layers.rest[v])
-                .xy()
-                - centre.xy())
-            .norm();
+        let mut raised = Vec::with_capacity(self.layers.rest.len());
+        for (v, rest) in self.layers.rest.iter().enumerate() {
+            let away = (self.frame.inverse_transform_point(rest).xy() - centre.xy()).norm();
             let taut = if away < leaves {
                 on_ball(away)
             } else {
                 slope(leaves) * (rim - away)
             };
-            if self.layers.held[v] {
+            raised.push(if self.layers.held[v] {
                 0.0
             } else {
                 taut.max(0.0)
-            }
-        };
-        (0..self.layers.rest.len()).map(lift).collect()
+            });
+        }
+        raised
     }
 }

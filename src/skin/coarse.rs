@@ -76,92 +76,126 @@ fn key(a: u32, b: u32) -> [u32; 2] {
 }
 
 /// Bisects edges longer than `longest` [m] of triangles within `within` [m] of a point.
-fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f64) -> TriangleMesh {
-    let length = |skin: &TriangleMesh, [a, b]: [u32; 2]| {
-        (skin.vertices[a as usize] - skin.vertices[b as usize]).norm()
+fn halved(skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f64) -> TriangleMesh {
+    let mut bisection = Bisection {
+        skin,
+        centre: *centre,
+        within,
+        longest,
+        open: BinaryHeap::new(),
+        beside: BTreeMap::new(),
     };
-    let sides = |t: [u32; 3]| [key(t[0], t[1]), key(t[1], t[2]), key(t[2], t[0])];
-    let near = |skin: &TriangleMesh, t: [u32; 3]| {
-        let corners = t.map(|v| skin.vertices[v as usize]);
-        (closest_on_triangle(centre, &corners) - centre).norm() <= within
-    };
-    let mut open = BinaryHeap::new();
-    let offer = |skin: &TriangleMesh, t: [u32; 3], open: &mut BinaryHeap<Long>| {
-        let long = sides(t).map(|side| Long(length(skin, side), side));
-        // A NaN length is not bisected.
-        if long.iter().any(|side| side.0 > longest) && near(skin, t) {
-            open.extend(
+    for t in 0..bisection.skin.triangles.len() {
+        bisection.offer(bisection.skin.triangles[t]);
+    }
+    if !bisection.open.is_empty() {
+        bisection.list_triangles();
+        for _ in 0..MOST {
+            let Some(Long(_, side)) = bisection.open.pop() else {
+                break;
+            };
+            bisection.bisect(side);
+        }
+    }
+    bisection.skin
+}
+
+fn sides([a, b, c]: [u32; 3]) -> [[u32; 2]; 3] {
+    [key(a, b), key(b, c), key(c, a)]
+}
+
+/// A surface with long edges near a point that are to be bisected.
+struct Bisection {
+    skin: TriangleMesh,
+    centre: Point3<f64>,
+    /// Greatest distance of a bisected triangle from the point [m].
+    within: f64,
+    /// Length of the longest edge that stays [m].
+    longest: f64,
+    /// Edges to bisect; an edge with two triangles is listed twice.
+    open: BinaryHeap<Long>,
+    /// The triangles of each edge.
+    beside: BTreeMap<[u32; 2], Vec<u32>>,
+}
+
+impl Bisection {
+    /// Lists the long edges of a triangle if it is near.
+    fn offer(&mut self, t: [u32; 3]) {
+        let corners = t.map(|v| self.skin.vertices[v as usize]);
+        let is_near =
+            || (closest_on_triangle(&self.centre, &corners) - self.centre).norm() <= self.within;
+        let long = sides(t).map(|side| {
+            let [a, b] = side.map(|v| self.skin.vertices[v as usize]);
+            Long((a - b).norm(), side)
+        });
+        if long.iter().any(|side| side.0 > self.longest) && is_near() {
+            // A NaN or infinite length is not bisected.
+            self.open.extend(
                 long.into_iter()
-                    .filter(|side| side.0 > longest && side.0.is_finite()),
+                    .filter(|side| side.0 > self.longest && side.0.is_finite()),
             );
         }
-    };
-    skin.triangles
-        .iter()
-        .for_each(|t| offer(&skin, *t, &mut open));
-    if open.is_empty() {
-        return skin;
     }
-    let mut beside: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
-    for (t, corners) in skin.triangles.iter().enumerate() {
-        for side in sides(*corners) {
-            let all = beside.entry(side).or_default();
-            // A triangle with a repeated vertex has a repeated side.
-            if all.last() != Some(&(t as u32)) {
-                all.push(t as u32);
+
+    fn list_triangles(&mut self) {
+        for (t, corners) in self.skin.triangles.iter().enumerate() {
+            for side in sides(*corners) {
+                let all = self.beside.entry(side).or_default();
+                // A triangle with a repeated vertex has a repeated side.
+                if all.last() != Some(&(t as u32)) {
+                    all.push(t as u32);
+                }
             }
         }
     }
-    for _ in 0..MOST {
-        let Some(Long(_, side @ [a, b])) = open.pop() else {
-            break;
-        };
-        let ends = side.map(|v| skin.vertices[v as usize]);
+
+    /// Bisects an edge with all its triangles.
+    fn bisect(&mut self, side: [u32; 2]) {
+        let ends = side.map(|v| self.skin.vertices[v as usize]);
         let middle = center(&ends[0], &ends[1]);
         // The edge is so short relative to its coordinates that no number lies between them.
         if ends.contains(&middle) {
-            continue;
+            return;
         }
         // Listed by two triangles and already bisected.
-        let Some(halved) = beside.remove(&side) else {
-            continue;
+        let Some(halved) = self.beside.remove(&side) else {
+            return;
         };
-        let new = skin.vertices.len() as u32;
-        skin.vertices.push(middle);
+        let new = self.skin.vertices.len() as u32;
+        self.skin.vertices.push(middle);
         for t in halved {
-            let old = skin.triangles[t as usize];
-            let [first, second] =
-                [(a, new), (b, new)].map(|(from, to)| old.map(|v| if v == from { to } else { v }));
-            let added = skin.triangles.len() as u32;
-            skin.triangles[t as usize] = first;
-            skin.triangles.push(second);
-            // The original triangle becomes the one with `b`.
-            for side in sides(old)
-                .into_iter()
-                .filter(|s| s.contains(&a) && !s.contains(&b))
-            {
-                beside
-                    .entry(side)
-                    .or_default()
-                    .iter_mut()
-                    .filter(|o| **o == t)
-                    .for_each(|o| *o = added);
-            }
-            for (t, corners) in [(t, first), (added, second)] {
-                sides(corners)
-                    .into_iter()
-                    .filter(|s| s[1] == new)
-                    .for_each(|s| {
-                        let all = beside.entry(s).or_default();
-                        if !all.contains(&t) {
-                            all.push(t);
-                        }
-                    });
-                offer(&skin, corners, &mut open);
-            }
+            self.halve(t, side, new);
         }
     }
-    skin
+
+    /// Divides a triangle at the new vertex of its edge `[a, b]`.
+    fn halve(&mut self, t: u32, [a, b]: [u32; 2], new: u32) {
+        let old = self.skin.triangles[t as usize];
+        let [first, second] =
+            [(a, new), (b, new)].map(|(from, to)| old.map(|v| if v == from { to } else { v }));
+        let added = self.skin.triangles.len() as u32;
+        self.skin.triangles[t as usize] = first;
+        self.skin.triangles.push(second);
+        // The original triangle becomes the one with `b`.
+        for side in sides(old) {
+            if side.contains(&a) && !side.contains(&b) {
+                for other in self.beside.entry(side).or_default() {
+                    if *other == t {
+                        *other = added;
+                    }
+                }
+            }
+        }
+        for (t, corners) in [(t, first), (added, second)] {
+            for side in sides(corners).into_iter().filter(|s| s[1] == new) {
+                let all = self.beside.entry(side).or_default();
+                if !all.contains(&t) {
+                    all.push(t);
+                }
+            }
+            self.offer(corners);
+        }
+    }
 }
 
 #[cfg(test)]

@@ -191,30 +191,40 @@ pub fn upper(rings: u32) -> u32 {
 
 /// Triangles of both sheets, oriented outward.
 fn triangles(rings: u32) -> Vec<[u32; 3]> {
-    // First vertex of each ring; ring k has 6 k vertices.
-    let above = |k: u32| if k == 0 { 0 } else { 1 + 3 * k * (k - 1) };
-    let below = |k: u32| {
-        if k == rings {
-            above(rings)
-        } else {
-            upper(rings) + (k + 1..rings).map(|j| 6 * j).sum::<u32>()
-        }
-    };
     let mut all = Vec::new();
     for k in 1..=rings {
-        for (start, turned) in [(&above as &dyn Fn(u32) -> u32, false), (&below, true)] {
-            let (inner, outer) = (start(k - 1), start(k));
-            let at_inner = |j: u32| inner + if k == 1 { 0 } else { j % (6 * (k - 1)) };
-            let at_outer = |j: u32| outer + j % (6 * k);
-            let mut push = |t: [u32; 3]| all.push(if turned { [t[0], t[2], t[1]] } else { t });
-            for sector in 0..6 {
-                for j in 0..k {
-                    let (o, i) = (sector * k + j, sector * (k - 1) + j);
-                    push([at_inner(i), at_outer(o), at_outer(o + 1)]);
-                    if j + 1 < k {
-                        push([at_inner(i), at_outer(o + 1), at_inner(i + 1)]);
-                    }
-                }
+        all.extend(band(k, [k - 1, k].map(first_above)));
+        let below = band(k, [k - 1, k].map(|k| first_below(k, rings)));
+        all.extend(below.into_iter().map(|[a, b, c]| [a, c, b]));
+    }
+    all
+}
+
+/// First vertex of ring `k` of the upper sheet; the ring has 6 k vertices.
+fn first_above(k: u32) -> u32 {
+    if k == 0 { 0 } else { 1 + 3 * k * (k - 1) }
+}
+
+/// First vertex of ring `k` of the base; both sheets share the last ring.
+fn first_below(k: u32, rings: u32) -> u32 {
+    if k == rings {
+        first_above(rings)
+    } else {
+        upper(rings) + (k + 1..rings).map(|j| 6 * j).sum::<u32>()
+    }
+}
+
+/// Triangles between the rings k - 1 and k, whose first vertices are `inner` and `outer`.
+fn band(k: u32, [inner, outer]: [u32; 2]) -> Vec<[u32; 3]> {
+    let at_inner = |j: u32| inner + if k == 1 { 0 } else { j % (6 * (k - 1)) };
+    let at_outer = |j: u32| outer + j % (6 * k);
+    let mut all = Vec::new();
+    for sector in 0..6 {
+        for j in 0..k {
+            let (o, i) = (sector * k + j, sector * (k - 1) + j);
+            all.push([at_inner(i), at_outer(o), at_outer(o + 1)]);
+            if j + 1 < k {
+                all.push([at_inner(i), at_outer(o + 1), at_inner(i + 1)]);
             }
         }
     }

@@ -258,16 +258,9 @@ impl PreparedPatch {
     /// Initial height of each vertex of both layers above its rest position [m]: on the implant,
     /// and from there straight to the boundary of the region, like a taut sheet.
     fn lift(&self, dome: &TriangleMesh, implant: &Implant, frame: &Isometry3<f64>) -> Vec<f64> {
-        let rings = rings_of(dome.vertices.len());
-        // Both are constant on a ring.
-        let ring = |k: u32| {
-            let p = dome.vertices[if k == 0 { 0 } else { upper(k - 1) as usize }];
-            (implant.shape.reach(p.xy(), implant.base), p.z)
-        };
-        let profile: Vec<(f64, f64)> = (0..=rings).map(ring).collect();
-        let slope = |&(out, high): &(f64, f64)| high / (REACH - out);
+        let profile = profile(dome, implant);
         let last = (0..profile.len()).fold(0, |best, k| {
-            if slope(&profile[k]) > slope(&profile[best]) {
+            if slope(profile[k]) > slope(profile[best]) {
                 k
             } else {
                 best
@@ -275,13 +268,6 @@ impl PreparedPatch {
         });
         // Farther down a dome can overhang; the straight skin is above that.
         let (steepest, top) = (profile[last], &profile[..=last]);
-        let implant_at = |reach: f64| {
-            let next = top
-                .partition_point(|p| p.0 <= reach)
-                .clamp(1, top.len() - 1);
-            let ((a, low), (b, high)) = (top[next - 1], top[next]);
-            low + (high - low) * (reach - a) / (b - a)
-        };
         let n = self.layers.count();
         let flat: Vec<Point2<f64>> = self.layers.rest[..n]
             .iter()
@@ -297,14 +283,14 @@ impl PreparedPatch {
             }
             let reach = implant.shape.reach(flat[v], implant.base);
             if reach < steepest.0 {
-                return implant_at(reach);
+                return height_at(top, reach);
             }
             // Where the region ends nearer than the rule says, the slope is limited.
             let away = rim
                 .iter()
                 .map(|p| (p - flat[v]).norm())
                 .fold(f64::INFINITY, f64::min);
-            let straight = slope(&steepest) * (REACH - reach).max(0.0);
+            let straight = slope(steepest) * (REACH - reach).max(0.0);
             straight.min(STEEP * away)
         };
         let lift: Vec<f64> = (0..n).map(at).collect();
@@ -315,4 +301,30 @@ impl PreparedPatch {
 /// Number of rings of a dome with this number of vertices: 2 (1 + 3 n (n + 1)) - 6 n = 2 + 6 n^2.
 fn rings_of(vertices: usize) -> u32 {
     (((vertices - 2) / 6) as f64).sqrt().round() as u32
+}
+
+/// Relative distance from the centre, 1 on the outline of the base, and height [m] of each ring of
+/// a dome.
+fn profile(dome: &TriangleMesh, implant: &Implant) -> Vec<(f64, f64)> {
+    let mut profile = Vec::new();
+    for k in 0..=rings_of(dome.vertices.len()) {
+        // Both are constant on a ring.
+        let p = dome.vertices[if k == 0 { 0 } else { upper(k - 1) as usize }];
+        profile.push((implant.shape.reach(p.xy(), implant.base), p.z));
+    }
+    profile
+}
+
+/// Slope of the straight skin from a ring of a profile to the boundary of the region [m].
+fn slope((out, high): (f64, f64)) -> f64 {
+    high / (REACH - out)
+}
+
+/// Height of a profile at a relative distance from the centre, linear between its rings [m].
+fn height_at(profile: &[(f64, f64)], reach: f64) -> f64 {
+    let next = profile
+        .partition_point(|p| p.0 <= reach)
+        .clamp(1, profile.len() - 1);
+    let ((a, low), (b, high)) = (profile[next - 1], profile[next]);
+    low + (high - low) * (reach - a) / (b - a)
 }

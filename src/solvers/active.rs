@@ -60,17 +60,16 @@ impl Touched {
     /// The rows with the factor of N A^-1 N^T; rows without an unknown vertex are left out.
     pub fn hold(
         &mut self,
-        rows: Vec<ContactPlane>,
+        mut rows: Vec<ContactPlane>,
         laplacian: &mut Laplacian,
         unknowns: &Unknowns,
     ) -> Active {
         self.learn(&rows, laplacian, unknowns);
-        let known = |row: &ContactPlane| {
+        rows.retain(|row| {
             row.terms
                 .iter()
                 .any(|(v, w)| *w != 0.0 && self.place.contains_key(v))
-        };
-        let rows: Vec<ContactPlane> = rows.into_iter().filter(known).collect();
+        });
         let n = rows.len();
         let weighed = |row: &ContactPlane| -> Vec<(usize, f64)> {
             let terms = row.terms.iter().filter(|(_, w)| *w != 0.0);

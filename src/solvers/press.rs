@@ -78,10 +78,9 @@ impl Press {
                 .map(|d| (pair(k), d.distance))
         };
         let found: Vec<((u32, usize), f64)> = all.filter_map(is_near).collect();
-        let known = |(near, d): &((u32, usize), f64)| {
-            *d >= self.thickness || self.near.binary_search(near).is_ok()
-        };
-        let all_known = found.iter().all(known);
+        let all_known = found
+            .iter()
+            .all(|(near, d)| *d >= self.thickness || self.near.binary_search(near).is_ok());
         self.near = found.into_iter().map(|(near, _)| near).collect();
         all_known
     }

@@ -380,6 +380,13 @@ impl<F: Number> Lattice<F> {
     }
 }
 
+/// The value for each point of a row with a next point, 0 for the other places of the row.
+fn masked<F: Number>(value: F, points: usize, run: usize) -> Vec<F> {
+    (0..run)
+        .map(|i| if i + 1 < points { value } else { F::default() })
+        .collect()
+}
+
 fn frame<F: Number>(shape: &LatticeShape, settings: &LatticeSettings, lost: f64) -> Frame<F> {
     let [nx, ny, _] = shape.points;
     let run = nx.next_multiple_of(F::ROW);
@@ -394,14 +401,9 @@ fn frame<F: Number>(shape: &LatticeShape, settings: &LatticeSettings, lost: f64)
     };
     let sloped = |step| {
         let Spring { stiffness, tension } = spring(step);
-        let masked = |value: F| {
-            (0..run)
-                .map(|i| if i + 1 < nx { value } else { F::default() })
-                .collect()
-        };
         Sloped {
-            stiffness: masked(stiffness),
-            tension: masked(tension),
+            stiffness: masked(stiffness, nx, run),
+            tension: masked(tension, nx, run),
         }
     };
     Frame {

@@ -144,6 +144,21 @@ fn start(i: usize, pinned: bool) -> Vector3<f64> {
     })
 }
 
+/// Number of eigenvalues below a value of a symmetric tridiagonal matrix, by Sturm's sequence;
+/// `reach` bounds all eigenvalues.
+fn count_below(value: f64, diagonal: &[f64], beside: &[f64], reach: f64) -> usize {
+    let (mut count, mut q) = (0, 1.0);
+    for (i, d) in diagonal.iter().enumerate() {
+        let b = if i > 0 { beside[i - 1] } else { 0.0 };
+        q = d - value - b * b / q;
+        if q == 0.0 {
+            q = f64::EPSILON * reach;
+        }
+        count += usize::from(q < 0.0);
+    }
+    count
+}
+
 /// The eigenvalue of greatest magnitude of a symmetric tridiagonal matrix, by bisection with Sturm
 /// counts.
 fn extreme(diagonal: &[f64], beside: &[f64]) -> f64 {
@@ -155,24 +170,11 @@ fn extreme(diagonal: &[f64], beside: &[f64]) -> f64 {
     if !(reach.is_finite() && reach > 0.0) {
         return reach;
     }
-    // Number of eigenvalues below a value.
-    let below = |value: f64| {
-        let (mut count, mut q) = (0, 1.0);
-        for (i, d) in diagonal.iter().enumerate() {
-            let b = if i > 0 { beside[i - 1] } else { 0.0 };
-            q = d - value - b * b / q;
-            if q == 0.0 {
-                q = f64::EPSILON * reach;
-            }
-            count += usize::from(q < 0.0);
-        }
-        count
-    };
     let bisect = |rank: usize| {
         let (mut low, mut high) = (-reach, reach);
         for _ in 0..100 {
             let middle = 0.5 * (low + high);
-            if below(middle) >= rank {
+            if count_below(middle, diagonal, beside, reach) >= rank {
                 high = middle
             } else {
                 low = middle

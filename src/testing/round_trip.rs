@@ -93,37 +93,56 @@ fn write_vtp(path: &Path, (mesh, lines): &Drawing) -> io::Result<()> {
     vtp::write(path, &data)
 }
 
+/// Numbers from bytes; the bytes after the last one are 0.
+struct Numbers<'a>(std::slice::Iter<'a, u8>);
+
+impl Numbers<'_> {
+    fn byte(&mut self) -> usize {
+        usize::from(self.0.next().copied().unwrap_or(0))
+    }
+
+    /// Random bits are nearly always a number of extreme size; the first byte can select plain
+    /// numbers instead.
+    fn coordinate(&mut self) -> f64 {
+        match self.byte() % 4 {
+            0 => f64::from_be_bytes(std::array::from_fn(|_| self.byte() as u8)),
+            1 => f64::from(f32::from_be_bytes(std::array::from_fn(|_| {
+                self.byte() as u8
+            }))),
+            2 => self.byte() as f64 - 128.0,
+            _ => f64::from(self.byte() as u32) * f64::MIN_POSITIVE / 16.0,
+        }
+    }
+
+    fn index(&mut self, within: usize) -> u32 {
+        (self.byte() % within) as u32
+    }
+}
+
 /// A mesh whose numbers come from the bytes: counts, coordinates of eight bytes, indices of one
 /// byte, some of them out of range.
 pub fn drawing(bytes: &[u8]) -> (TriangleMesh, Vec<Vec<u32>>) {
-    let mut rest = bytes.iter().copied();
-    let mut byte = || usize::from(rest.next().unwrap_or(0));
-    let (vertices, triangles, lines) = (byte() % (MOST_VERTICES + 1), byte() % 64, byte() % 8);
-    // Random bits are nearly always a number of extreme size; the first byte can select plain ones
-    // instead.
-    let mut coordinate = || match byte() % 4 {
-        0 => f64::from_be_bytes(std::array::from_fn(|_| byte() as u8)),
-        1 => f64::from(f32::from_be_bytes(std::array::from_fn(|_| byte() as u8))),
-        2 => byte() as f64 - 128.0,
-        _ => f64::from(byte() as u32) * f64::MIN_POSITIVE / 16.0,
-    };
+    let mut numbers = Numbers(bytes.iter());
+    let vertices = numbers.byte() % (MOST_VERTICES + 1);
+    let (triangles, lines) = (numbers.byte() % 64, numbers.byte() % 8);
     let vertices: Vec<Point3<f64>> = (0..vertices)
-        .map(|_| Point3::new(coordinate(), coordinate(), coordinate()))
+        .map(|_| Point3::from(std::array::from_fn(|_| numbers.coordinate())))
         .collect();
-    let within = vertices.len().max(1) + usize::from(byte() == 77);
-    let mut index = || (byte() % within) as u32;
+    let within = vertices.len().max(1) + usize::from(numbers.byte() == 77);
     let triangles = (0..triangles)
-        .map(|_| std::array::from_fn(|_| index()))
+        .map(|_| std::array::from_fn(|_| numbers.index(within)))
         .collect();
-    let lines = (0..lines)
-        .map(|_| (0..1 + index() % 5).map(|_| index()).collect())
-        .collect();
+    let mut polylines = Vec::new();
+    for _ in 0..lines {
+        let count = 1 + numbers.index(within) % 5;
+        polylines.push((0..count).map(|_| numbers.index(within)).collect());
+    }
     (
         TriangleMesh {
             vertices,
             triangles,
         },
-        lines,
+        polylines,
     )
 }
 

@@ -200,18 +200,9 @@ fn vtk_binary() -> Vec<Vec<u8>> {
         .flatten()
         .flat_map(|c| c.to_be_bytes())
         .collect();
-    let whole = |numbers: &[i32]| {
-        numbers
-            .iter()
-            .flat_map(|i| i.to_be_bytes())
-            .collect::<Vec<u8>>()
-    };
-    let long = |numbers: &[i64]| {
-        numbers
-            .iter()
-            .flat_map(|i| i.to_be_bytes())
-            .collect::<Vec<u8>>()
-    };
+    let whole =
+        |numbers: &[i32]| -> Vec<u8> { numbers.iter().flat_map(|i| i.to_be_bytes()).collect() };
+    let long = [0i64, 3].map(i64::to_be_bytes).concat();
     let head = |set: &str, version: &str| {
         format!("# vtk DataFile Version {version}\nt\nBINARY\nDATASET {set}\n").into_bytes()
     };
@@ -232,7 +223,7 @@ fn vtk_binary() -> Vec<Vec<u8>> {
         b"\nbits 1 9 bit\n\xff\x80\nPOINTS 4 float\n",
         &points,
         b"\nMETADATA\nINFORMATION 0\n\nPOLYGONS 2 3\nOFFSETS vtktypeint64\n",
-        &long(&[0, 3]),
+        &long,
         b"\nCONNECTIVITY unsigned_char\n\x00\x01\x02\n",
     ];
     let grid = [

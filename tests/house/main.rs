@@ -1,6 +1,7 @@
 //! The rules of the code base that a machine can check: permitted imports, forbidden operations of
 //! the library, numbers of files and of packages.
 
+mod closures;
 mod flags;
 mod order;
 mod packages;

@@ -36,11 +36,10 @@ impl<'a> Slicer<'a> {
         let above = |v: u32| self.own[v as usize].z >= height;
         let mut sides: Vec<[[u32; 2]; 2]> = Vec::new();
         for t in self.triangles {
-            let cut = |&[a, b]: &[u32; 2]| above(a) != above(b);
             let edges = [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
             let mut found = edges
                 .iter()
-                .filter(|e| cut(e))
+                .filter(|[a, b]| above(*a) != above(*b))
                 .map(|&[a, b]| [a.min(b), a.max(b)]);
             if let (Some(first), Some(second)) = (found.next(), found.next()) {
                 sides.push([first.min(second), first.max(second)]);

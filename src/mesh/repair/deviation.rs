@@ -20,31 +20,30 @@ pub struct Deviation {
 /// Measures both directions.
 pub fn deviation(first: &TriangleMesh, second: &TriangleMesh) -> Deviation {
     Deviation {
-        lost: one_way(first, second),
-        added: one_way(second, first),
+        lost: greatest_distance(first, second),
+        added: greatest_distance(second, first),
     }
 }
 
-fn one_way(from: &TriangleMesh, to: &TriangleMesh) -> Option<f64> {
+/// Greatest distance from the samples of one surface to another one.
+fn greatest_distance(from: &TriangleMesh, to: &TriangleMesh) -> Option<f64> {
     if from.triangles.is_empty() || to.triangles.is_empty() {
         return None;
     }
     let tree = SurfaceTree::new(&to.vertices, &to.triangles);
     let distance = |p: &Point3<f64>| tree.closest(p, f64::MAX).map_or(f64::NAN, |c| c.distance);
-    let furthest = |t: usize| {
-        let [a, b, c] = from.corners(t);
-        let middle = |p: Point3<f64>, q: Point3<f64>| p + (q - p) * 0.5;
-        let centroid = a + ((b - a) + (c - a)) / 3.0;
-        max_or_nan(
-            [a, b, c, middle(a, b), middle(b, c), middle(c, a), centroid]
-                .iter()
-                .map(distance),
-        )
-    };
+    let furthest = |t: usize| max_or_nan(samples(from.corners(t)).iter().map(distance));
     Some(max_or_nan(
         (0..from.triangles.len())
             .into_par_iter()
             .map(furthest)
             .collect::<Vec<_>>(),
     ))
+}
+
+/// The corners, edge midpoints and centroid of a triangle.
+fn samples([a, b, c]: [Point3<f64>; 3]) -> [Point3<f64>; 7] {
+    let middle = |p: Point3<f64>, q: Point3<f64>| p + (q - p) * 0.5;
+    let centroid = a + ((b - a) + (c - a)) / 3.0;
+    [a, b, c, middle(a, b), middle(b, c), middle(c, a), centroid]
 }

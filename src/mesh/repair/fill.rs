@@ -93,26 +93,14 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
         open[b as usize].push((a, *t));
     }
     open.iter_mut().for_each(|list| list.sort_unstable());
-    let pinched = |v: u32| open[v as usize].len() > 2;
-    let few = |v: u32| open[v as usize].len() <= MOST_OPEN;
     let (mut used, mut added) = (BTreeSet::new(), Vec::new());
     for ([a, b], t) in edges {
-        if !(few(a) && few(b) && (pinched(a) || pinched(b))) || used.contains(&[a, b]) {
+        let counts = [a, b].map(|v| open[v as usize].len());
+        let is_pinched = counts.iter().any(|count| *count > 2);
+        if !is_pinched || counts.iter().any(|count| *count > MOST_OPEN) || used.contains(&[a, b]) {
             continue;
         }
-        let third = open[a as usize].iter().find_map(|&(c, s)| {
-            let at = open[b as usize]
-                .binary_search_by_key(&c, |(other, _)| *other)
-                .ok()?;
-            let all = [t, s, open[b as usize][at].1];
-            // Three edges of one triangle are that triangle, not a gap.
-            let apart = all[0] != all[1] && all[1] != all[2] && all[2] != all[0];
-            let unused = [[a, c], [b, c]]
-                .iter()
-                .all(|[u, v]| !used.contains(&[*u.min(v), *u.max(v)]));
-            (c != b && apart && unused).then_some(c)
-        });
-        if let Some(c) = third {
+        if let Some(c) = third_corner(&open, &used, [a, b], t) {
             used.extend([[a, b], [a, c], [b, c]].map(|[u, v]| [u.min(v), u.max(v)]));
             // Opposite to its neighbour along the first edge; if others have the opposite
             // orientation, a later step reverses them.
@@ -138,6 +126,32 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
     working.note(RepairStep::ClosedHoles, count, message, around);
 }
 
+/// The third corner of a gap at the edge `[a, b]` of triangle `t`. `open` lists the other end and
+/// the triangle of each boundary edge of a vertex; `used` are edges of gaps closed before.
+fn third_corner(
+    open: &[Vec<(u32, u32)>],
+    used: &BTreeSet<[u32; 2]>,
+    [a, b]: [u32; 2],
+    t: u32,
+) -> Option<u32> {
+    let around_b = &open[b as usize];
+    for &(c, s) in &open[a as usize] {
+        let Ok(at) = around_b.binary_search_by_key(&c, |(other, _)| *other) else {
+            continue;
+        };
+        let all = [t, s, around_b[at].1];
+        // Three edges of one triangle are that triangle, not a gap.
+        let apart = all[0] != all[1] && all[1] != all[2] && all[2] != all[0];
+        let unused = [[a, c], [b, c]]
+            .iter()
+            .all(|[u, v]| !used.contains(&[*u.min(v), *u.max(v)]));
+        if c != b && apart && unused {
+            return Some(c);
+        }
+    }
+    None
+}
+
 /// Cost of a part of a cover: first the number of triangles without area, then the area.
 type Cost = (u32, f64);
 
@@ -154,39 +168,13 @@ fn cover(
     let is_edge = |u: u32, v: u32| {
         topology.find_edge(u, v).is_some() || chords.contains(&[u.min(v), u.max(v)])
     };
-    let free =
-        |i: usize, j: usize| j - i == 1 || (i == 0 && j == n - 1) || !is_edge(ring[i], ring[j]);
     let mut best: Vec<Option<(Cost, usize)>> = vec![None; n * n];
-    let cost = |best: &[Option<(Cost, usize)>], i: usize, j: usize| -> Option<Cost> {
-        if j - i == 1 {
-            Some((0, 0.0))
-        } else {
-            best[i * n + j].map(|(cost, _)| cost)
-        }
-    };
     for span in 2..n {
         for i in 0..n - span {
             let j = i + span;
-            if !free(i, j) {
-                continue;
-            }
-            for m in i + 1..j {
-                let (Some(left), Some(right)) = (cost(&best, i, m), cost(&best, m, j)) else {
-                    continue;
-                };
-                let corners = [i, m, j].map(|k| points[ring[k] as usize]);
-                let area = 0.5
-                    * (corners[1] - corners[0])
-                        .cross(&(corners[2] - corners[0]))
-                        .norm();
-                let flat = u32::from(is_flat(&corners));
-                let total = (left.0 + right.0 + flat, left.1 + right.1 + area);
-                let better = |(known, _): (Cost, usize)| {
-                    total.0 < known.0 || (total.0 == known.0 && total.1 < known.1)
-                };
-                if best[i * n + j].is_none_or(better) {
-                    best[i * n + j] = Some((total, m));
-                }
+            let is_side = i == 0 && j == n - 1;
+            if is_side || !is_edge(ring[i], ring[j]) {
+                best[i * n + j] = cheapest(ring, points, &best, [i, j]);
             }
         }
     }
@@ -202,4 +190,41 @@ fn cover(
         open.extend([(i, m), (m, j)]);
     }
     Some(cover)
+}
+
+/// The least cost of a cover of the ring from place `i` to `j`, with the third corner of the
+/// triangle at the chord between them; `best` has these of the shorter chords.
+fn cheapest(
+    ring: &[u32],
+    points: &[Point3<f64>],
+    best: &[Option<(Cost, usize)>],
+    [i, j]: [usize; 2],
+) -> Option<(Cost, usize)> {
+    let cost = |i: usize, j: usize| -> Option<Cost> {
+        if j - i == 1 {
+            Some((0, 0.0))
+        } else {
+            best[i * ring.len() + j].map(|(cost, _)| cost)
+        }
+    };
+    let mut found = None;
+    for m in i + 1..j {
+        let (Some(left), Some(right)) = (cost(i, m), cost(m, j)) else {
+            continue;
+        };
+        let corners = [i, m, j].map(|k| points[ring[k] as usize]);
+        let area = 0.5
+            * (corners[1] - corners[0])
+                .cross(&(corners[2] - corners[0]))
+                .norm();
+        let flat = u32::from(is_flat(&corners));
+        let total = (left.0 + right.0 + flat, left.1 + right.1 + area);
+        let better = |(known, _): (Cost, usize)| {
+            total.0 < known.0 || (total.0 == known.0 && total.1 < known.1)
+        };
+        if found.is_none_or(better) {
+            found = Some((total, m));
+        }
+    }
+    found
 }

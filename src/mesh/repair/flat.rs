@@ -126,6 +126,19 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
     working.retain(|t| !gone[t]);
 }
 
+/// The corner between the other two of a triangle with distinct collinear corners.
+fn middle_corner(corners: &[Point3<f64>; 3]) -> usize {
+    // In either order along the line the second is the middle one.
+    let mut order = [0, 1, 2];
+    order.sort_by(|i, j| {
+        let (p, q): (&Point3<f64>, &Point3<f64>) = (&corners[*i], &corners[*j]);
+        p.x.total_cmp(&q.x)
+            .then(p.y.total_cmp(&q.y))
+            .then(p.z.total_cmp(&q.z))
+    });
+    order[1]
+}
+
 /// The treatment of triangle `t` and the vertices that it affects; `None` where nothing is possible
 /// now.
 fn plan(
@@ -150,17 +163,7 @@ fn plan(
             return allowed.then(|| (Cut::Collapse([keep, drop]), vec![keep, drop]));
         }
     }
-    // Distinct collinear corners: in either order along the line the second is the middle one.
-    let key = |k: usize| at(corners[k]);
-    let compare = |i: &usize, j: &usize| {
-        let (p, q) = (key(*i), key(*j));
-        p.x.total_cmp(&q.x)
-            .then(p.y.total_cmp(&q.y))
-            .then(p.z.total_cmp(&q.z))
-    };
-    let mut order = [0, 1, 2];
-    order.sort_by(compare);
-    let long = (order[1] + 1) % 3;
+    let long = (middle_corner(&corners.map(at)) + 1) % 3;
     let [a, c, b] = [
         corners[long],
         corners[(long + 1) % 3],

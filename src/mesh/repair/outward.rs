@@ -10,6 +10,7 @@ use super::{RepairStep, topology};
 use crate::format::counted;
 use crate::mesh::inside::Inside;
 use crate::mesh::orientation::Orientation;
+use crate::mesh::topology::Topology;
 
 /// Greatest number of triangle tests for the nesting of components, in all and per triangle;
 /// components beyond count as not nested. Only thousands of components in one line come near it.
@@ -34,72 +35,23 @@ fn six_volumes(points: &[Point3<f64>], own: &[[u32; 3]]) -> f64 {
 /// cavity or a body of its own.
 pub(super) fn turn(working: &mut Working) {
     let topology = topology(working);
-    let orientation = Orientation::new(&topology, &working.triangles);
-    let mut turn = orientation.turn;
-    let points = &working.vertices;
-    let turned = |turn: &[bool], t: usize| {
-        let [a, b, c] = working.triangles[t];
-        if turn[t] { [b, a, c] } else { [a, b, c] }
-    };
-    // Components by their vertices; a component with a boundary has no inside.
-    let components = topology.components();
-    let label = |t: usize| components.labels[working.triangles[t][0] as usize];
-    let mut pieces: Vec<Vec<usize>> = vec![Vec::new(); components.count];
-    (0..turn.len()).for_each(|t| pieces[label(t) as usize].push(t));
-    let mut closed = vec![true; components.count];
-    for e in 0..topology.edges.len() {
-        let around = topology.triangles_of_edge(e);
-        closed[label(around[0] as usize) as usize] &= around.len() == 2;
-    }
-    let walls: Vec<[u32; 3]> = (0..turn.len())
-        .filter(|t| closed[label(*t) as usize])
-        .map(|t| turned(&turn, t))
-        .collect();
-    let inside = Inside::new(points, &walls);
-    // The components that contain each closed component. The outermost one decides for all
-    // components inside it.
-    let mut within: Vec<Vec<u32>> = vec![Vec::new(); components.count];
-    let mut inward = vec![false; components.count];
-    let mut effort = 0;
-    for (piece, members) in pieces
-        .iter()
-        .enumerate()
-        .filter(|(piece, _)| closed[*piece])
-    {
-        let own: Vec<[u32; 3]> = members.iter().map(|t| turned(&turn, *t)).collect();
-        inward[piece] = six_volumes(points, &own) < 0.0;
-        // Each of several vertices must lie inside the other component: where components touch, one
-        // vertex can lie on the wall.
-        let step = own.len().div_ceil(VOTES);
-        let votes: Vec<&Point3<f64>> = own
-            .iter()
-            .step_by(step)
-            .map(|t| &points[t[0] as usize])
-            .collect();
-        effort += votes.iter().map(|p| inside.effort(p)).sum::<usize>();
-        if effort > EFFORT.0 + EFFORT.1 * turn.len() {
-            continue;
+    let mut turn = Orientation::new(&topology, &working.triangles).turn;
+    let mut triangles = working.triangles.clone();
+    for (t, corners) in triangles.iter_mut().enumerate() {
+        if turn[t] {
+            corners.swap(0, 1);
         }
-        let mut found: BTreeMap<u32, usize> = BTreeMap::new();
-        for p in &votes {
-            let around = inside.winding_by(p, |wall| components.labels[walls[wall][0] as usize]);
-            around
-                .into_iter()
-                .filter(|(_, winding)| *winding != 0)
-                .for_each(|(w, _)| *found.entry(w).or_insert(0) += 1);
-        }
-        let holds = |(other, count): &(u32, usize)| *other != piece as u32 && *count == votes.len();
-        within[piece] = found
-            .into_iter()
-            .filter(holds)
-            .map(|(other, _)| other)
-            .collect();
     }
-    for (piece, members) in pieces
-        .iter()
-        .enumerate()
-        .filter(|(piece, _)| closed[*piece])
-    {
+    let labels = topology.components().labels;
+    let pieces = closed_components(&triangles, &topology, &labels);
+    let within = containers(&working.vertices, &triangles, &pieces, &labels);
+    let mut inward = Vec::with_capacity(pieces.len());
+    for members in &pieces {
+        let own: Vec<[u32; 3]> = members.iter().map(|t| triangles[*t]).collect();
+        inward.push(six_volumes(&working.vertices, &own) < 0.0);
+    }
+    // The outermost component decides for all components inside it.
+    for (piece, members) in pieces.iter().enumerate() {
         let outermost = within[piece]
             .iter()
             .find(|other| within[**other as usize].is_empty());
@@ -127,4 +79,59 @@ pub(super) fn turn(working: &mut Working) {
         message,
         elements,
     );
+}
+
+/// The triangles of each component; none for a component with a boundary, which has no inside.
+fn closed_components(
+    triangles: &[[u32; 3]],
+    topology: &Topology,
+    labels: &[u32],
+) -> Vec<Vec<usize>> {
+    let label = |t: usize| labels[triangles[t][0] as usize] as usize;
+    let count = (0..triangles.len()).map(|t| label(t) + 1).max();
+    let mut pieces: Vec<Vec<usize>> = vec![Vec::new(); count.unwrap_or(0)];
+    (0..triangles.len()).for_each(|t| pieces[label(t)].push(t));
+    for e in 0..topology.edges.len() {
+        let around = topology.triangles_of_edge(e);
+        if around.len() != 2 {
+            pieces[label(around[0] as usize)].clear();
+        }
+    }
+    pieces
+}
+
+/// The components that contain each closed component.
+fn containers(
+    points: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+    pieces: &[Vec<usize>],
+    labels: &[u32],
+) -> Vec<Vec<u32>> {
+    let walls: Vec<[u32; 3]> = pieces.iter().flatten().map(|t| triangles[*t]).collect();
+    let inside = Inside::new(points, &walls);
+    let mut within: Vec<Vec<u32>> = vec![Vec::new(); pieces.len()];
+    let mut effort = 0;
+    for (piece, members) in pieces.iter().enumerate().filter(|(_, m)| !m.is_empty()) {
+        // Each of several vertices must lie inside the other component: where components touch, one
+        // vertex can lie on the wall.
+        let votes: Vec<&Point3<f64>> = members
+            .iter()
+            .step_by(members.len().div_ceil(VOTES))
+            .map(|t| &points[triangles[*t][0] as usize])
+            .collect();
+        effort += votes.iter().map(|p| inside.effort(p)).sum::<usize>();
+        if effort > EFFORT.0 + EFFORT.1 * triangles.len() {
+            continue;
+        }
+        let mut found: BTreeMap<u32, usize> = BTreeMap::new();
+        for p in &votes {
+            let around = inside.winding_by(p, |wall| labels[walls[wall][0] as usize]);
+            for (other, _) in around.into_iter().filter(|(_, winding)| *winding != 0) {
+                *found.entry(other).or_insert(0) += 1;
+            }
+        }
+        found.retain(|other, count| *other != piece as u32 && *count == votes.len());
+        within[piece] = found.into_keys().collect();
+    }
+    within
 }

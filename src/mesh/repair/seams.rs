@@ -15,36 +15,8 @@ use crate::mesh::measures::max_or_nan;
 /// Inner vertices of a surface are skipped: where they coincide, surfaces touch and stay separate.
 /// The ends of an edge of positive length also stay separate.
 pub(super) fn merge(working: &mut Working, within: f64) {
-    let topology = topology(working);
-    let mut on_rim: Vec<u32> = topology
-        .boundary_edges()
-        .iter()
-        .flat_map(|e| topology.edges[*e as usize])
-        .collect();
-    on_rim.sort_unstable();
-    on_rim.dedup();
-    let mut grid = Grid {
-        within,
-        cells: BTreeMap::new(),
-    };
-    let mut target: Vec<u32> = (0..working.vertices.len() as u32).collect();
-    for &v in &on_rim {
-        // The grid contains only kept vertices, so no chain of merges exceeds `within`, and a cell
-        // contains few vertices after any number of merges.
-        let at = |v: u32| working.vertices[v as usize];
-        let free = |w: &u32| at(*w) == at(v) || topology.find_edge(v, *w).is_none();
-        match grid
-            .near(&working.vertices, v)
-            .into_iter()
-            .filter(free)
-            .min()
-        {
-            Some(lowest) => target[v as usize] = lowest,
-            None => grid.insert(&working.vertices, v),
-        }
-    }
-    let merged: Vec<u32> = on_rim
-        .into_iter()
+    let target = targets(working, within);
+    let merged: Vec<u32> = (0..target.len() as u32)
         .filter(|v| target[*v as usize] != *v)
         .collect();
     if merged.is_empty() {
@@ -55,16 +27,12 @@ pub(super) fn merge(working: &mut Working, within: f64) {
     };
     let moved = max_or_nan(merged.iter().map(distance));
     working.moved = max_or_nan([working.moved, moved]);
-    working
-        .triangles
-        .iter_mut()
-        .flatten()
-        .for_each(|v| *v = target[*v as usize]);
-    working
-        .lines
-        .iter_mut()
-        .flatten()
-        .for_each(|v| *v = target[*v as usize]);
+    for v in working.triangles.iter_mut().flatten() {
+        *v = target[*v as usize];
+    }
+    for v in working.lines.iter_mut().flatten() {
+        *v = target[*v as usize];
+    }
     let triangles = &working.triangles;
     let whole: Vec<bool> = triangles
         .iter()
@@ -91,6 +59,37 @@ pub(super) fn merge(working: &mut Working, within: f64) {
         message,
         merged.clone(),
     );
+}
+
+/// The vertex that each vertex is merged into, which is the vertex itself if it stays.
+fn targets(working: &Working, within: f64) -> Vec<u32> {
+    let topology = topology(working);
+    let mut on_rim: Vec<u32> = topology
+        .boundary_edges()
+        .iter()
+        .flat_map(|e| topology.edges[*e as usize])
+        .collect();
+    on_rim.sort_unstable();
+    on_rim.dedup();
+    let points = &working.vertices;
+    let mut grid = Grid {
+        within,
+        cells: BTreeMap::new(),
+    };
+    let mut target: Vec<u32> = (0..points.len() as u32).collect();
+    for &v in &on_rim {
+        // The grid contains only kept vertices, so no chain of merges exceeds `within`, and a cell
+        // contains few vertices after any number of merges.
+        let mut near = grid.near(points, v);
+        near.retain(|w| {
+            points[*w as usize] == points[v as usize] || topology.find_edge(v, *w).is_none()
+        });
+        match near.into_iter().min() {
+            Some(lowest) => target[v as usize] = lowest,
+            None => grid.insert(points, v),
+        }
+    }
+    target
 }
 
 /// A greater cell number means cells smaller than the spacing of doubles.

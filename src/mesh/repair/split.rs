@@ -210,21 +210,20 @@ fn by_angle(
     triangles: &[[u32; 3]],
     points: &[Point3<f64>],
 ) -> Vec<u32> {
-    let at = |v: u32| points[v as usize];
-    let (a, b) = (at(edge[0]), at(edge[1]));
+    let [a, b] = edge.map(|v| points[v as usize]);
     let axis = (b - a).try_normalize(0.0).unwrap_or_else(Vector3::z);
     let across = |t: u32| {
         let apex = triangles[t as usize]
             .into_iter()
             .find(|v| !edge.contains(v))
             .unwrap_or(edge[0]);
-        let away = at(apex) - a;
+        let away = points[apex as usize] - a;
         away - axis * away.dot(&axis)
     };
     // A triangle without area has no reference direction.
     let open = around
         .iter()
-        .find(|t| !is_flat(&triangles[**t as usize].map(at)));
+        .find(|t| !is_flat(&triangles[**t as usize].map(|v| points[v as usize])));
     let start = open.map_or_else(Vector3::x, |t| across(*t));
     let angle = |t: u32| {
         let away = across(t);

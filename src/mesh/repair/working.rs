@@ -92,16 +92,15 @@ impl Working {
             .map(|t| t.map(|v| first[v as usize]))
             .collect();
         let topology = Topology::of_triangles(self.vertices.len(), &self.triangles);
-        let is_loose = |t: u32| {
-            let alone = |e: &u32| topology.triangles_of_edge(*e as usize).len() == 1;
-            topology.triangle_edges[t as usize].iter().all(alone)
-        };
         for group in same_corners(&placed) {
             // One triangle must stay: the first if all are loose.
-            let kept = group.iter().find(|t| !is_loose(**t)).unwrap_or(&group[0]);
+            let kept = group
+                .iter()
+                .find(|t| !is_loose(&topology, **t))
+                .unwrap_or(&group[0]);
             group
                 .iter()
-                .filter(|t| *t != kept && is_loose(**t))
+                .filter(|t| *t != kept && is_loose(&topology, **t))
                 .for_each(|t| keep[*t as usize] = false);
         }
         for group in same_corners(&self.triangles) {
@@ -223,6 +222,13 @@ impl Working {
             moved: self.moved,
         }
     }
+}
+
+/// True if a triangle shares no edge.
+fn is_loose(topology: &Topology, t: u32) -> bool {
+    topology.triangle_edges[t as usize]
+        .iter()
+        .all(|e| topology.triangles_of_edge(*e as usize).len() == 1)
 }
 
 /// True if three corners are an even permutation of their ascending order.

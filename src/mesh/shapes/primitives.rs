@@ -153,8 +153,9 @@ pub fn box_surface(size: [f64; 3], cell: f64) -> TriangleMesh {
     let mut ids = BTreeMap::new();
     let mut vertex = |lattice: [u32; 3]| {
         *ids.entry(lattice).or_insert_with(|| {
-            let at = |k: usize| size[k] * (f64::from(lattice[k]) / f64::from(counts[k]) - 0.5);
-            vertices.push(Point3::new(at(0), at(1), at(2)));
+            vertices.push(Point3::from([0, 1, 2].map(|k| {
+                size[k] * (f64::from(lattice[k]) / f64::from(counts[k]) - 0.5)
+            })));
             vertices.len() as u32 - 1
         })
     };

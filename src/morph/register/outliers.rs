@@ -67,10 +67,9 @@ pub(super) fn normals(mesh: &TriangleMesh, topology: &Topology, off: &[bool]) ->
         let units: Vec<Vector3<f64>> = own.iter().filter_map(|n| n.try_normalize(0.0)).collect();
         let mut found = units.iter().sum::<Vector3<f64>>().try_normalize(0.0)?;
         for _ in 0..ROUNDS {
-            let weight = |n: &Vector3<f64>| n.dot(&found).max(0.0).powi(4);
             found = units
                 .iter()
-                .map(|n| n * weight(n))
+                .map(|n| n * n.dot(&found).max(0.0).powi(4))
                 .sum::<Vector3<f64>>()
                 .try_normalize(0.0)?;
         }

@@ -49,9 +49,11 @@ impl Verlet {
                 } else {
                     0.5 * dt * dt
                 };
-                let a = |i: usize| a[i] - system.velocity[i] * drag(i);
                 (0..count)
-                    .map(|i| system.position[i] - system.velocity[i] * dt + a(i) * half)
+                    .map(|i| {
+                        let a = a[i] - system.velocity[i] * drag(i);
+                        system.position[i] - system.velocity[i] * dt + a * half
+                    })
                     .collect()
             }
         }
