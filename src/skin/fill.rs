@@ -1,8 +1,7 @@
-//! Filling of implants over weeks: volumes by day, each equilibrium from the previous one.
+//! Filling of implants over weeks: volumes by day, and almost empty implants.
 
 use super::SkinError;
-use super::plan::{Inserted, PreparedPatch};
-use super::settle::SettleProgress;
+use super::plan::PreparedPatch;
 use crate::mesh::TriangleMesh;
 
 /// A filling of an implant on a day.
@@ -53,15 +52,6 @@ impl Schedule {
     pub fn fillings(&self) -> &[Filling] {
         &self.0
     }
-
-    /// The volume on a day [m^3]; 0 before the first filling.
-    pub fn volume(&self, day: f64) -> f64 {
-        self.0
-            .iter()
-            .take_while(|filling| filling.day <= day)
-            .last()
-            .map_or(0.0, |filling| filling.volume)
-    }
 }
 
 /// Volume of a pocket relative to the cube of its base.
@@ -101,23 +91,6 @@ impl PreparedPatch {
             .map(|implant| implant.mesh)
             .collect())
     }
-
-    /// Computes the skin over the implant after each filling.
-    ///
-    /// # Errors
-    /// See [`PreparedPatch::insert`].
-    pub fn fill(
-        &self,
-        schedule: &Schedule,
-        mut watch: impl FnMut(&SettleProgress) -> bool,
-    ) -> Result<Vec<Inserted>, SkinError> {
-        let mut done: Vec<Inserted> = Vec::new();
-        for filling in schedule.fillings() {
-            let next = self.insert_after(done.last(), &[filling.volume], &mut watch)?;
-            done.push(next);
-        }
-        Ok(done)
-    }
 }
 
 #[cfg(test)]
@@ -134,21 +107,8 @@ mod tests {
     }
 
     #[test]
-    fn volumes_hold_until_the_next_filling() {
-        let schedule = schedule(&[(0.0, 2e-5), (7.0, 5e-5), (14.0, 5e-5)]).unwrap();
-        for (day, expected) in [
-            (-1.0, 0.0),
-            (0.0, 2e-5),
-            (6.9, 2e-5),
-            (7.0, 5e-5),
-            (100.0, 5e-5),
-        ] {
-            assert_eq!(schedule.volume(day), expected, "day {day}");
-        }
-    }
-
-    #[test]
     fn what_is_no_schedule_is_refused() {
+        assert!(schedule(&[(0.0, 2e-5), (7.0, 5e-5), (14.0, 5e-5)]).is_ok());
         for steps in [
             &[][..],
             &[(0.0, -1e-5)],

@@ -1,4 +1,4 @@
-//! Search for the volume that gives a requested area, and areas of several volumes.
+//! Search for the volume that gives a target area.
 
 use super::SkinError;
 use super::plan::{Inserted, PreparedPatch};
@@ -93,23 +93,6 @@ impl PreparedPatch {
             "no volume gives {:.1} cm2 after {TRIALS} trials",
             target * 1e4
         )))
-    }
-
-    /// The skin over each of several volumes [m^3], in their order.
-    ///
-    /// # Errors
-    /// See [`PreparedPatch::insert`].
-    pub fn curve(
-        &self,
-        volumes: &[f64],
-        mut watch: impl FnMut(&SettleProgress) -> bool,
-    ) -> Result<Vec<Inserted>, SkinError> {
-        let mut done: Vec<Inserted> = Vec::new();
-        for volume in volumes {
-            let next = self.insert_after(done.last(), &[*volume], &mut watch)?;
-            done.push(next);
-        }
-        Ok(done)
     }
 }
 

@@ -307,7 +307,11 @@ fn implants_are_filled_by_a_schedule_to_where_they_come_at_once() {
         filling(14.0, 80e-6),
     ])
     .expect("rising");
-    let filled = ready.fill(&schedule, |_| true).expect("settled");
+    let mut filled: Vec<Inserted> = Vec::new();
+    for filling in schedule.fillings() {
+        let next = ready.insert_after(filled.last(), &[filling.volume], |_| true);
+        filled.push(next.expect("settled"));
+    }
     let gains: Vec<f64> = filled.iter().map(|done| done.areas.gain()).collect();
     assert!(
         filled.iter().all(|done| done.progress.converged),
