@@ -307,16 +307,16 @@ fn amount(section: &Section<'_>) -> Read<Amount> {
             item.quantity(Dimension::Area, Limit::Positive)?,
         ));
     }
-    if section.get("fill").is_none() {
+    let Some(item) = section.get("fill") else {
         return Ok(Amount::Volume(section.need_quantity(
             "volume",
             Dimension::Volume,
             Limit::Positive,
         )?));
-    }
+    };
     let list = section.sections("fill")?;
     match list.first() {
-        None => section.fail(SceneProblem::EmptyList {
+        None => item.fail(SceneProblem::EmptyList {
             expected: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned(),
         }),
         Some(first) if first.get("day").is_some() => by_days(section, &list),
