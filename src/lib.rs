@@ -70,9 +70,7 @@ pub use progress::{Progress, Silent};
 #[cfg(feature = "scene")]
 pub use scene::{Content, Scene, SceneError};
 #[cfg(feature = "scene")]
-pub use simulation::{
-    Fault, LoadError, Measures, Observer, Plan, Scenario, ScenarioError, Simulation,
-};
+pub use simulation::{LoadError, Measures, Observer, Plan, Scenario, ScenarioError, Simulation};
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub use skin::{ImplantSpec, SkinError};
 pub use solvers::{Broken, Held, System, energy::Energy};

@@ -50,7 +50,7 @@ pub use quadratic::Quadratic;
 pub use scalar::Scalar;
 #[cfg(any(test, feature = "testing"))]
 pub use spec::{ForEachKind, Parameter, Spec};
-pub use stencil::{Blocks, Stencil, Stencils};
+pub use stencil::{Stencil, Stencils};
 pub use tetrahedron_volume::TetrahedronVolume;
 pub use triangle_contact::TriangleContact;
 

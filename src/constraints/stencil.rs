@@ -16,7 +16,6 @@ pub type Blocks<const K: usize> = [[Matrix3<f64>; K]; K];
 ///
 /// ```
 /// use nalgebra::{Matrix3, Point3, Vector3};
-/// use pliant::constraints::Blocks;
 /// use pliant::constraints::{Potential, Stencil, Stencils};
 ///
 /// /// A spring of 2 N/m that pulls a vertex down to the ground.
@@ -31,7 +30,7 @@ pub type Blocks<const K: usize> = [[Matrix3<f64>; K]; K];
 ///         let height = x[0].z;
 ///         Some((height * height, [Vector3::z() * (2.0 * height)]))
 ///     }
-///     fn hessian(&self, _: &[Point3<f64>; 1], _: bool) -> Option<Blocks<1>> {
+///     fn hessian(&self, _: &[Point3<f64>; 1], _: bool) -> Option<[[Matrix3<f64>; 1]; 1]> {
 ///         Some([[Matrix3::from_diagonal(&(Vector3::z() * 2.0))]])
 ///     }
 ///     fn scalar_hessian(&self, _: &[Point3<f64>; 1]) -> Option<[[f64; 1]; 1]> {

@@ -17,7 +17,7 @@ pub(crate) mod springs;
 pub(crate) mod superficial;
 pub(crate) mod template;
 
-pub use attachment::{Area, AreaSource, Attachment, AttachmentError, MuscleEnd};
+pub use attachment::{Area, AreaSource, Attachment, AttachmentError};
 pub use binding::BoundLines;
 pub use fibre_measures::{FibreMeasures, Tendon, action, measure_fibres};
 pub use method::{FibreMethod, Fibres, MethodError, decompose_by};

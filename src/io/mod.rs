@@ -11,7 +11,7 @@ pub(crate) mod cursor;
 mod decompress;
 mod directx;
 mod encoded;
-mod error;
+pub(crate) mod error;
 mod formats;
 mod medit;
 pub mod obj;
@@ -24,7 +24,7 @@ pub(crate) mod stl;
 mod surface;
 pub(crate) mod vtk;
 pub mod vtp;
-mod warning;
+pub(crate) mod warning;
 mod write;
 mod xml;
 
@@ -36,11 +36,13 @@ use std::path::Path;
 
 use crate::mesh::TriangleMesh;
 use cursor::Cursor;
-pub use error::{FilePlace, ReadError, ReadProblem};
+pub(crate) use error::ReadProblem;
+pub use error::{FilePlace, ReadError};
 use formats::Head;
 pub use formats::{Encoding, FORMATS, Format, writable};
 pub use part::write_whole;
-pub use warning::{Warned, Warning, Warnings};
+pub use warning::Warned;
+pub(crate) use warning::{Warning, Warnings};
 pub use write::{WriteError, write};
 
 /// The largest file that is read [bytes].

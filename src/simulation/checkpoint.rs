@@ -50,12 +50,12 @@ pub enum Refused {
         format: u32,
     },
     /// The number of bytes is wrong.
-    #[error("it is damaged: {found} bytes where {expected} are necessary")]
+    #[error("it is damaged: {found} bytes where {} are necessary", bytes(.expected))]
     Length {
         /// Number of bytes present.
         found: usize,
         /// Number of bytes declared; `None` if that is missing too.
-        expected: Wanted,
+        expected: Option<u64>,
     },
     /// The checksum does not match.
     #[error("it is damaged: its checksum is not that of its bytes")]
@@ -77,16 +77,8 @@ pub enum Refused {
 }
 
 /// A number of bytes, if known.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Wanted(Option<u64>);
-
-impl std::fmt::Display for Wanted {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.0 {
-            Some(count) => write!(f, "{count}"),
-            None => f.write_str("more"),
-        }
-    }
+fn bytes(count: &Option<u64>) -> String {
+    count.map_or("more".to_owned(), |count| count.to_string())
 }
 
 /// The first few names of a list.
@@ -156,7 +148,7 @@ impl<'a> Checkpoint<'a> {
         let body = bytes.strip_prefix(MAGIC).ok_or(Refused::NoCheckpoint)?;
         let short = |expected| Refused::Length {
             found: bytes.len(),
-            expected: Wanted(expected),
+            expected,
         };
         let mut reader = Reader::new(body);
         let (format, by): (u32, String) = reader.take().map_err(|_| short(None))?;

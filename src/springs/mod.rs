@@ -9,6 +9,7 @@
 pub(crate) mod anchors;
 pub(crate) mod angular;
 pub(crate) mod buckling;
+pub(crate) mod cloth_patterns;
 #[cfg(feature = "contact")]
 pub(crate) mod contact;
 pub mod damping;
@@ -30,7 +31,6 @@ pub(crate) mod volume;
 
 pub use hooke::{Hooke, Springs};
 pub use rest::{RestEnd, RestSettings, Settled, StepRecord, settle, settle_by};
-pub use spring_set::SpringSet;
 pub use stability::{Mode, Stiffest, limit, stiffest};
 
 pub use force::Force;

@@ -30,6 +30,7 @@ pub mod contact {
 
 /// Internals of `fibres`.
 pub mod fibres {
+    pub use crate::fibres::attachment::MuscleEnd;
     pub use crate::fibres::solid::Closed;
     pub use crate::fibres::template::{Grid, Sampling};
 
@@ -56,6 +57,8 @@ pub mod geometric {
 
 /// Internals of `io`.
 pub mod io {
+    pub use crate::io::error::ReadProblem;
+    pub use crate::io::warning::Warning;
 
     /// Internals of `io::ply`.
     pub mod ply {
@@ -75,6 +78,7 @@ pub mod io {
 
 /// Internals of `mesh`.
 pub mod mesh {
+    pub use crate::mesh::refine::{RefineError, Refined, refine};
     pub use crate::mesh::sum::{NeumaierSum, tree_sum};
     pub use crate::mesh::winding::{WindingTree, winding_number_direct};
 
@@ -122,6 +126,7 @@ pub mod morph {
 pub mod scene {
     pub use crate::scene::effects::material_constants;
     pub use crate::scene::keys::{KeyKind, Limit};
+    pub use crate::scene::solvers::{Minimisation, Pbd, Xpbd};
 }
 
 /// Internals of `simulation`.
@@ -151,6 +156,11 @@ pub mod solvers {
 
 /// Internals of `springs`.
 pub mod springs {
+    /// Internals of `springs::cloth_patterns`.
+    pub mod cloth_patterns {
+        pub use crate::springs::cloth_patterns::*;
+    }
+
     pub use crate::springs::anchors::anchors;
     pub use crate::springs::angular::{AngularSpring, angular_springs};
     pub use crate::springs::buckling::{Buckling, Strips};

@@ -10,11 +10,12 @@ use std::path::{Path, PathBuf};
 
 use pliant::scene::builtin::{BUILTIN, builtin, load, load_content, load_with};
 use pliant::scene::{
-    self, AreaSpec, Content, Mass, Minimisation, Scene, SceneError, Solver, Source, Support,
-    Surroundings, SweepOrder, parse_content,
+    self, AreaSpec, Content, Mass, Scene, SceneError, Solver, Source, Support, Surroundings,
+    SweepOrder, parse_content,
 };
 use pliant::skin::{ImplantPlace, SILICONE, Tissue};
 use pliant::springs::Neighbours;
+use pliant::testing::internals::scene::Minimisation;
 
 /// The smallest scene, the basis of scenes with mistakes.
 const SMALL: &str = r#"frames = 3

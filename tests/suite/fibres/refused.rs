@@ -3,11 +3,11 @@
 use nalgebra::{Point3, Vector3};
 use pliant::fibres::harmonic::{DecompositionError, HarmonicOptions, decompose, decompose_with};
 use pliant::fibres::{
-    AreaSource, Attachment, AttachmentError, FibreMethod, MethodError, MuscleEnd, Smoothing,
-    decompose_by,
+    AreaSource, Attachment, AttachmentError, FibreMethod, MethodError, Smoothing, decompose_by,
 };
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{box_surface, icosphere};
+use pliant::testing::internals::fibres::MuscleEnd;
 
 fn muscle() -> TriangleMesh {
     box_surface([0.2, 0.04, 0.04], 0.01)

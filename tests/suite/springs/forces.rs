@@ -6,6 +6,7 @@ use pliant::mesh::{Topology, shapes};
 use pliant::springs::lattice::LatticeShape;
 use pliant::springs::{Force, Hooke, Neighbours, SpringSystem, Springs, SystemError, patterns};
 use pliant::testing::Draw;
+use pliant::testing::internals::springs::cloth_patterns;
 use pliant::testing::internals::springs::{
     AngularSpring, Buckling, CentreSprings, PairError, Strips, TrueVolume, VolumeError, anchors,
     angular_springs,
@@ -60,7 +61,7 @@ fn kinds() -> (Vec<Point3<f64>>, Vec<Box<dyn Force>>) {
     let x = &mesh.vertices;
     let at_rest =
         |pairs: &[[u32; 2]]| patterns::at_rest(x, pairs.to_vec(), |l| 2.0 / l).collect::<Vec<_>>();
-    let pattern = patterns::of_mesh(&mesh, &topology);
+    let pattern = cloth_patterns::of_mesh(&mesh, &topology);
     let strips = at_rest(&pattern.bending).into_iter().map(|(ends, law)| {
         (
             ends,
@@ -71,7 +72,7 @@ fn kinds() -> (Vec<Point3<f64>>, Vec<Box<dyn Force>>) {
             },
         )
     });
-    let angular = patterns::angular_at_rest(x, &pattern.angular, 3.0);
+    let angular = cloth_patterns::angular_at_rest(x, &pattern.angular, 3.0);
     let places = [
         (0, Point3::new(2.0, 0.5, 0.0), 0.0),
         (5, Point3::new(-0.3, 0.1, 0.7), 0.4),

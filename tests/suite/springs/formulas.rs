@@ -6,6 +6,7 @@ use pliant::mesh::{Topology, TriangleMesh, shapes};
 use pliant::springs::damping::{DampedBody, estimate};
 use pliant::springs::lattice::{LatticeError, LatticeShape};
 use pliant::springs::{Neighbours, patterns};
+use pliant::testing::internals::springs::cloth_patterns;
 use pliant::testing::internals::springs::mass::{self, MassError};
 use pliant::testing::internals::springs::stiffness::{
     Negative, along_edges, area_over_length, membrane, of_side,
@@ -237,7 +238,7 @@ fn springs_of_lattices_are_counted_exactly() {
 
 #[test]
 fn grids_and_meshes_have_their_patterns() {
-    let grid = patterns::grid(4, 3);
+    let grid = cloth_patterns::grid(4, 3);
     let counts = [
         grid.structural.len(),
         grid.shear.len(),
@@ -251,12 +252,12 @@ fn grids_and_meshes_have_their_patterns() {
             && grid.angular.contains(&[5, 1, 9])
     );
     assert_eq!(
-        patterns::grid(u32::MAX, 2),
-        patterns::GridPattern::default()
+        cloth_patterns::grid(u32::MAX, 2),
+        cloth_patterns::GridPattern::default()
     );
     let sphere = shapes::icosphere(1.0, 1);
     let topology = Topology::new(&sphere);
-    let pattern = patterns::of_mesh(&sphere, &topology);
+    let pattern = cloth_patterns::of_mesh(&sphere, &topology);
     assert_eq!(
         (pattern.structural.len(), pattern.bending.len()),
         (120, 120)
@@ -273,7 +274,7 @@ fn grids_and_meshes_have_their_patterns() {
         "opposite neighbours are far apart"
     );
     let sheet = sheet(2);
-    let inner = patterns::of_mesh(&sheet, &Topology::new(&sheet)).angular;
+    let inner = cloth_patterns::of_mesh(&sheet, &Topology::new(&sheet)).angular;
     assert!(
         inner.iter().all(|t| t[0] == 4) && inner.len() == 3,
         "rims have no opposite neighbours: {inner:?}"
