@@ -8,10 +8,9 @@
 
 use std::time::Duration;
 
-use pliant::accuracy::{
-    self, FrameDistance, Reference, SolverQuestion, Study, StudyOptions, StudyRow,
-};
+use pliant::accuracy::{self, FrameDistance, Reference, Study, StudyOptions, StudyRow};
 use pliant::progress::Silent;
+use pliant::scene::SolverQuestion;
 use pliant::scene::{Accuracy, Scene, builtin};
 use pliant::simulation::Assets;
 use pliant::testing::internals::accuracy::{Candidate, Trajectory};

@@ -11,10 +11,11 @@ use std::time::Duration;
 
 use measured::{quick, result};
 use nalgebra::Point3;
-use pliant::accuracy::{SolverQuestion, Status, Study, StudyOptions, StudyRow, measure};
+use pliant::accuracy::{Status, Study, StudyOptions, StudyRow, measure};
 use pliant::io::Encoding;
 use pliant::mesh::shapes::tube;
 use pliant::progress::Silent;
+use pliant::scene::SolverQuestion;
 use pliant::scene::{Scene, Solver, parse};
 use pliant::simulation::Assets;
 

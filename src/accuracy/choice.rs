@@ -71,8 +71,9 @@ pub fn pareto(rows: &[StudyRow]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accuracy::FrameDistance;
     use crate::accuracy::candidates::Candidate;
-    use crate::accuracy::{FrameDistance, SolverQuestion};
+    use crate::scene::SolverQuestion;
 
     fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> StudyRow {
         let error = FrameDistance {

@@ -20,7 +20,6 @@ pub(crate) mod trajectory;
 pub use candidates::HIERARCHY;
 pub use skin::{SkinRow, SkinStudy, SkinStudyError, measure_skin, method_name};
 
-pub use candidates::SolverQuestion;
 pub use distance::FrameDistance;
 pub use pilot::{Chosen, choose};
 pub use reference::Reference;

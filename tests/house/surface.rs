@@ -131,7 +131,7 @@ fn the_surface_is_small_and_each_type_has_a_name_of_its_own() {
 fn names_of_a_tree_and_of_a_source() {
     assert_eq!(
         names("a::{B, c::D as E, self}"),
-        ["a", "B", "E", "self"].map(String::from)
+        ["B", "E", "self"].map(String::from)
     );
     let source = "\npub struct Two;\npub(crate) struct Hidden;\npub use a::{Three, three, THREE};\n\
                   pub use crate::other::Four;\npub(crate) use b::Five;\npub type Six<T> = Two;\n";

@@ -10,12 +10,11 @@ use std::time::Duration;
 
 use nalgebra::{Point3, Vector3};
 use pliant::accuracy::choose;
-use pliant::accuracy::{
-    FrameDistance, SolverQuestion, Status, Study, StudyError, StudyOptions, StudyRow, measure,
-};
+use pliant::accuracy::{FrameDistance, Status, Study, StudyError, StudyOptions, StudyRow, measure};
 use pliant::io::Encoding;
 use pliant::mesh::shapes::{icosphere, tube};
 use pliant::progress::{Progress, Silent};
+use pliant::scene::SolverQuestion;
 use pliant::scene::{Accuracy, Scene, Solver, parse};
 use pliant::simulation::Assets;
 

@@ -12,10 +12,9 @@ use super::{FAILED, INTERRUPTED, environment, note, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use crate::report::{skin_accuracy, work_precision};
-use pliant::accuracy::{
-    SkinStudyError, SolverQuestion, StudyError, StudyOptions, measure, measure_skin,
-};
+use pliant::accuracy::{SkinStudyError, StudyError, StudyOptions, measure, measure_skin};
 use pliant::progress::Progress;
+use pliant::scene::SolverQuestion;
 use pliant::scene::{Content, Scene, SkinScene};
 use pliant::simulation::Assets;
 

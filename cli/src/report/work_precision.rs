@@ -5,7 +5,8 @@ use serde_json::{Value, json};
 use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::plot::{LinePlot, Series};
 use super::table::Table;
-use pliant::accuracy::{HIERARCHY, SolverQuestion, Status, Study, StudyRow};
+use pliant::accuracy::{HIERARCHY, Status, Study, StudyRow};
+use pliant::scene::SolverQuestion;
 use pliant::scene::{SOLVERS, SolverSpec};
 
 /// The solvers in the order of the key: those of a motion before those of an equilibrium.
