@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::file::GeometricMuscle;
+use super::muscle::GeometricMuscle;
 use super::surface::{Fineness, surface};
 use crate::mesh::TriangleMesh;
 
@@ -11,8 +11,8 @@ use crate::mesh::TriangleMesh;
 pub struct Pose {
     /// The surface \[m\].
     pub mesh: TriangleMesh,
-    /// The bars \[m\], two polylines; empty without a frame.
-    pub bars: Vec<Vec<Point3<f64>>>,
+    /// The bars \[m\]: free end, muscle, joint, muscle, free end; empty without a frame.
+    pub bars: Vec<Point3<f64>>,
     /// Angle at the joint \[rad\].
     pub joint_angle: Option<f64>,
     /// Length \[m\].
@@ -32,8 +32,7 @@ impl Pose {
             .frame
             .and_then(|frame| frame.place(chain.length()).ok());
         let bars = placed.map_or(Vec::new(), |placed| {
-            let points = placed.points.map(|p| Point3::new(p.x, p.y, 0.0));
-            vec![points[..3].to_vec(), points[2..].to_vec()]
+            placed.points.map(|p| Point3::new(p.x, p.y, 0.0)).to_vec()
         });
         Self {
             mesh: surface(chain, Fineness::default()),
@@ -44,24 +43,6 @@ impl Pose {
             volume_error: chain.volume_now() / chain.volume() - 1.0,
         }
     }
-}
-
-/// The length at picture `k` of a cycle of `count` pictures: from rest to the longest, to the
-/// shortest and back [m].
-pub fn length_at(muscle: &GeometricMuscle, k: u32, count: u32) -> f64 {
-    let ([least, most], rest) = (muscle.range, muscle.chain.rest().length);
-    let s = libm::sin(2.0 * std::f64::consts::PI * f64::from(k) / f64::from(count));
-    let length = if s >= 0.0 {
-        rest + s * (most - rest)
-    } else {
-        rest + s * (rest - least)
-    };
-    length.clamp(least, most)
-}
-
-/// Poses from rest to the longest, to the shortest and back.
-pub fn cycle(muscle: &GeometricMuscle, count: u32) -> Vec<Pose> {
-    at(muscle, (0..count).map(|k| length_at(muscle, k, count)))
 }
 
 /// Poses at given lengths \[m\], each clamped to the range of the muscle.

@@ -23,18 +23,18 @@ impl Default for Fineness {
 }
 
 /// A closed mesh of the chain from x = 0 on, with outward triangles. A ring has the area of its
-/// circle, not its radius, so the frusta of the mesh have the volumes of those of the chain.
+/// circle, not its radius, so the frusta of the mesh have the volumes of those of the chain. The
+/// triangles are the same at every length.
 pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
     let around = fineness.around.max(3);
     let rings = profile(chain, fineness.cap);
     let step = 2.0 * PI / f64::from(around);
     let wider = (step / libm::sin(step)).sqrt();
     let mut mesh = TriangleMesh::default();
-    // A ring of radius 0 is one vertex.
     let mut firsts: Vec<(u32, u32)> = Vec::new();
     for (x, r) in rings {
         let first = mesh.vertices.len() as u32;
-        if r > 0.0 {
+        if let Some(r) = r {
             let corner = |k: u32| {
                 let angle = step * f64::from(k);
                 Point3::new(
@@ -56,42 +56,36 @@ pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
     mesh
 }
 
-/// Positions along the axis with their radii, from tip to tip.
-fn profile(chain: &Chain, cap: u32) -> Vec<(f64, f64)> {
+/// Positions along the axis with their radii, from tip to tip; `None` for a single vertex. A node
+/// whose radius is 0 at every length has a single vertex.
+fn profile(chain: &Chain, cap: u32) -> Vec<(f64, Option<f64>)> {
     let (radii, spacing) = (chain.radii(), chain.spacing());
-    let (first, last) = (radii[0], radii[radii.len() - 1]);
+    let rest = chain.rest();
+    let ring = |i: usize| (rest.radii[i] > 0.0 || rest.growth[i] > 0.0).then_some(radii[i]);
+    let (first, last) = (ring(0), ring(radii.len() - 1));
     let arc = |r: f64| {
         let angle = move |k: u32| 0.5 * PI * f64::from(k) / f64::from(cap.max(1));
         // From the rim to the tip, without the rim.
         (1..=cap).map(move |k| {
             (
                 r * libm::sin(angle(k)),
-                if k == cap {
-                    0.0
-                } else {
-                    r * libm::cos(angle(k))
-                },
+                (k < cap).then(|| r * libm::cos(angle(k))),
             )
         })
     };
-    let mut rings: Vec<(f64, f64)> = Vec::new();
-    if first > 0.0 {
+    let mut rings: Vec<(f64, Option<f64>)> = Vec::new();
+    if let Some(first) = first {
         rings.extend(arc(first).map(|(out, r)| (-out, r)));
         rings.reverse();
         if cap == 0 {
-            rings.push((0.0, 0.0));
+            rings.push((0.0, None));
         }
     }
-    rings.extend(
-        radii
-            .iter()
-            .enumerate()
-            .map(|(i, r)| (spacing * i as f64, *r)),
-    );
-    if last > 0.0 {
+    rings.extend((0..radii.len()).map(|i| (spacing * i as f64, ring(i))));
+    if let Some(last) = last {
         rings.extend(arc(last).map(|(out, r)| (chain.length() + out, r)));
         if cap == 0 {
-            rings.push((chain.length(), 0.0));
+            rings.push((chain.length(), None));
         }
     }
     rings

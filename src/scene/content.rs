@@ -1,8 +1,17 @@
-//! The kinds of scenes: muscles and bones, skin over implants, or a lattice of points with springs.
+//! The kinds of scenes: muscles and bones, skin over implants, a lattice of points with springs, or
+//! a geometric muscle.
+
+mod geometric;
+pub use geometric::GeometricScene;
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Accuracy, Scene, SceneOrigin, Source};
+use super::error::SceneError;
+use super::reader::Section;
+use super::schema::Kind::{self, List, Plain, Table, Text};
+use super::schema::{self, Schema};
+use super::{Accuracy, Scene, SceneOrigin, Source, parse, parse_lattice, parse_skin};
+use crate::encode::{Encode, Encoder};
 use crate::mesh::repair;
 use crate::skin::ImplantSpec;
 use crate::skin::settle::SettleMethod;
@@ -17,55 +26,242 @@ pub enum Content {
     Skin(Box<SkinScene>),
     /// A box of points with springs, displaced and released: a scene with `[lattice]`.
     Lattice(Box<LatticeScene>),
+    /// A chain of frusta with constant volume: a scene with `radii`.
+    Geometric(Box<GeometricScene>),
 }
 
+/// A measure: its name in [`Scenario::measures`](crate::simulation::Scenario::measures) and in a
+/// summary, its header in tables, and the factor to the unit there.
+pub type Measure = (&'static str, &'static str, f64);
+
+/// The fields that a scene of every kind has.
+trait Fields: Encode {
+    fn name(&self) -> &str;
+    fn frames(&self) -> usize;
+    fn origin(&self) -> &SceneOrigin;
+    fn origin_mut(&mut self) -> &mut SceneOrigin;
+}
+
+macro_rules! fields {
+    ($($scene:ty),*) => {$(
+        impl Fields for $scene {
+            fn name(&self) -> &str {
+                &self.name
+            }
+            fn frames(&self) -> usize {
+                self.frames
+            }
+            fn origin(&self) -> &SceneOrigin {
+                &self.origin
+            }
+            fn origin_mut(&mut self) -> &mut SceneOrigin {
+                &mut self.origin
+            }
+        }
+    )*};
+}
+
+fields!(Scene, SkinScene, LatticeScene, GeometricScene);
+
+/// The declaration of a kind of scenes.
+pub(super) struct KindSpec {
+    /// Name, also in the encoding of a scene.
+    pub name: &'static str,
+    /// Its keys besides the common ones.
+    pub keys: &'static [(&'static str, Kind)],
+    /// The key that decides that a scene is of this kind.
+    pub deciding: &'static str,
+    /// What to add where another of its keys stands without the deciding one.
+    pub add: &'static str,
+    /// Common keys that this kind does not have.
+    pub without: &'static [&'static str],
+    /// The measures of a run.
+    pub measures: &'static [Measure],
+    /// Reads a scene, given its name.
+    pub read: fn(&Section<'_>, String) -> Result<Content, SceneError>,
+}
+
+/// Keys of scenes of every kind.
+pub(super) const COMMON: [(&str, Kind); 3] =
+    [("name", Text), ("frames", Plain), ("frame_rate", Text)];
+
+/// The kinds of scenes. The first kind whose deciding key is in a scene reads it; without any, the
+/// first kind reports what is missing.
+pub(super) const KINDS: [KindSpec; 4] = [
+    KindSpec {
+        name: "muscles",
+        keys: &[
+            ("accuracy", Text),
+            ("bone", List(&schema::BONE)),
+            ("capsule", List(&schema::CAPSULE)),
+            ("muscle", List(&schema::MUSCLE)),
+            ("effects", Table(&Schema::Effects)),
+            ("solver", Table(&Schema::Solvers)),
+        ],
+        deciding: "muscle",
+        add: "a section [[muscle]]",
+        without: &[],
+        measures: OF_MUSCLES,
+        read: |root, name| Ok(Content::Muscles(Box::new(parse::scene(root, name)?))),
+    },
+    KindSpec {
+        name: "skin",
+        keys: &[
+            ("skin", List(&schema::SKIN)),
+            ("sheet", Table(&schema::SHEET)),
+            ("implant", List(&schema::IMPLANT)),
+            ("ball", Table(&schema::BALL)),
+            ("obstacle", List(&schema::OBSTACLE)),
+        ],
+        deciding: "skin",
+        add: "a section [[skin]], under which it goes",
+        without: &["frame_rate"],
+        measures: OF_SKIN,
+        read: |root, name| Ok(Content::Skin(Box::new(parse_skin::scene(root, name)?))),
+    },
+    KindSpec {
+        name: "lattice",
+        keys: &[("lattice", Table(&schema::LATTICE))],
+        deciding: "lattice",
+        add: "a section [lattice]",
+        without: &[],
+        measures: OF_LATTICES,
+        read: |root, name| {
+            Ok(Content::Lattice(Box::new(parse_lattice::scene(
+                root, name,
+            )?)))
+        },
+    },
+    KindSpec {
+        name: "geometric",
+        keys: geometric::KEYS,
+        deciding: "radii",
+        add: "`radii = [1.0, 2.0, 1.0]`",
+        without: &[],
+        measures: geometric::MEASURES,
+        read: geometric::read,
+    },
+];
+
 impl Content {
+    /// The scene as its kind.
+    fn scene(&self) -> (&'static KindSpec, &dyn Fields) {
+        match self {
+            Self::Muscles(scene) => (&KINDS[0], &**scene),
+            Self::Skin(scene) => (&KINDS[1], &**scene),
+            Self::Lattice(scene) => (&KINDS[2], &**scene),
+            Self::Geometric(scene) => (&KINDS[3], &**scene),
+        }
+    }
+
+    /// Name of the kind: `muscles`, `skin`, `lattice` or `geometric`.
+    pub fn kind(&self) -> &'static str {
+        self.scene().0.name
+    }
+
     /// Name, also of the results folder.
     pub fn name(&self) -> &str {
-        match self {
-            Self::Muscles(scene) => &scene.name,
-            Self::Skin(scene) => &scene.name,
-            Self::Lattice(scene) => &scene.name,
-        }
+        self.scene().1.name()
     }
 
     /// Number of frames after the start.
     pub fn frames(&self) -> usize {
-        match self {
-            Self::Muscles(scene) => scene.frames,
-            Self::Skin(scene) => scene.frames,
-            Self::Lattice(scene) => scene.frames,
-        }
+        self.scene().1.frames()
     }
 
     /// The accuracy that the user requests; only for muscles.
     pub fn accuracy(&self) -> Option<Accuracy> {
         match self {
             Self::Muscles(scene) => scene.accuracy,
-            Self::Skin(_) | Self::Lattice(_) => None,
+            _ => None,
         }
+    }
+
+    /// The measures of a run.
+    pub fn measures(&self) -> &'static [Measure] {
+        self.scene().0.measures
+    }
+
+    /// The measures of all kinds.
+    pub fn all_measures() -> impl Iterator<Item = &'static Measure> {
+        KINDS.iter().flat_map(|kind| kind.measures)
     }
 
     /// Origin of the scene's text.
     pub fn origin(&self) -> &SceneOrigin {
-        match self {
-            Self::Muscles(scene) => &scene.origin,
-            Self::Skin(scene) => &scene.origin,
-            Self::Lattice(scene) => &scene.origin,
-        }
+        self.scene().1.origin()
     }
 
     /// The same scene with another origin.
     pub(super) fn with_origin(mut self, origin: SceneOrigin) -> Self {
-        *match &mut self {
-            Self::Muscles(scene) => &mut scene.origin,
-            Self::Skin(scene) => &mut scene.origin,
-            Self::Lattice(scene) => &mut scene.origin,
-        } = origin;
+        let scene: &mut dyn Fields = match &mut self {
+            Self::Muscles(scene) => &mut **scene,
+            Self::Skin(scene) => &mut **scene,
+            Self::Lattice(scene) => &mut **scene,
+            Self::Geometric(scene) => &mut **scene,
+        };
+        *scene.origin_mut() = origin;
         self
     }
 }
 
+impl Encode for Content {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        self.scene().1.encode(to);
+    }
+}
+
+/// Measures of scenes of muscles; the greatest over several muscles.
+pub const OF_MUSCLES: &[Measure] = &[
+    ("time_s", "time [s]", 1.0),
+    ("volume_error", "volume error", 1.0),
+    ("penetration_m", "depth in bones [mm]", 1e3),
+    ("edge_stretch_rms_end", "edge stretch rms, end [%]", 100.0),
+    (
+        "edge_stretch_rms_worst",
+        "edge stretch rms, worst [%]",
+        100.0,
+    ),
+    (
+        "distance_from_start_rms_m",
+        "distance to start, end [mm]",
+        1e3,
+    ),
+    ("residual_m", "residual [mm]", 1e3),
+    ("error_estimate_m", "error estimate [mm]", 1e3),
+];
+
+/// Measures of scenes of skin, for all implants together, in the last frame.
+const OF_SKIN: &[Measure] = &[
+    ("time_s", "time [s]", 1.0),
+    ("implant_volume_m3", "volume [cc]", 1e6),
+    ("area_before_m2", "area before [cm2]", 1e4),
+    ("area_deformed_m2", "deformed [cm2]", 1e4),
+    ("area_gain_m2", "gain [cm2]", 1e4),
+    ("area_retracted_low_m2", "retracted, least [cm2]", 1e4),
+    ("area_retracted_high_m2", "retracted, most [cm2]", 1e4),
+    ("area_grown_low_m2", "grown, least [cm2]", 1e4),
+    ("area_grown_high_m2", "grown, most [cm2]", 1e4),
+    ("volume_difference_m3", "volume difference [cc]", 1e6),
+    ("stretch_max", "greatest stretch", 1.0),
+    ("pressure_pa", "pressure [kPa]", 1e-3),
+    ("penetration_m", "depth in each other [mm]", 1e3),
+];
+
+/// Measures of scenes of a lattice.
+const OF_LATTICES: &[Measure] = &[
+    ("time_s", "time [s]", 1.0),
+    (
+        "distance_from_start_max_m",
+        "distance to start, greatest [mm]",
+        1e3,
+    ),
+    (
+        "distance_from_start_end_m",
+        "distance to start, end [mm]",
+        1e3,
+    ),
+];
 /// Skin with the implants or the ball below.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkinScene {

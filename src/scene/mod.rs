@@ -28,7 +28,8 @@ pub(crate) mod study;
 mod tree;
 pub mod units;
 
-pub use content::{FillCourse, ImplantFill, LatticeScene, SkinScene, SkinSurface, Support};
+pub use content::{FillCourse, ImplantFill, LatticeScene, Measure, SkinScene, SkinSurface, Support};
+pub use content::{OF_MUSCLES};
 pub use effects::EFFECTS;
 pub use keys::{KeySpec, KeyValue, Slider};
 pub use solvers::SOLVERS;

@@ -200,6 +200,12 @@ impl Change<'_> {
             Kind::List(schema) => self.list(table.get_mut(key), schema, rest, &here, &first.span),
             Kind::Text | Kind::Plain => {
                 let span = &rest[0].span;
+                if let Some(entry) = table.get_mut(key)
+                    && let Value::List(list) = &mut entry.node.value
+                    && rest.len() == 1
+                {
+                    return self.element(list, &rest[0], &here);
+                }
                 let message = format!("`{here}` is a single value; nothing is below it");
                 self.nowhere(message, format!("write {here}=VALUE"), &here, span)
             }
@@ -266,6 +272,18 @@ impl Change<'_> {
             {
                 self.table(table, schema, rest, &format!("{here}.{index}"))?;
             }
+        }
+        Ok(())
+    }
+
+    /// Sets one element of a list of plain values, or all of them.
+    fn element(&self, list: &mut [Node], segment: &Segment, here: &str) -> Done {
+        let chosen = match chosen(list, segment) {
+            Ok(chosen) => chosen,
+            Err(problem) => return self.fail(problem, here, &segment.span),
+        };
+        for index in chosen {
+            list[index] = self.node(Kind::Plain)?;
         }
         Ok(())
     }

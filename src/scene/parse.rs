@@ -11,6 +11,9 @@
 //!
 //! Or a lattice:
 #![doc = concat!("```toml\n", include_str!("layout-lattice.toml"), "```")]
+//!
+//! Or a geometric muscle:
+#![doc = concat!("```toml\n", include_str!("layout-geometric.toml"), "```")]
 
 use std::collections::{HashMap, HashSet};
 use std::ffi::OsString;
@@ -18,6 +21,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use super::content::{KINDS, KindSpec};
 use super::error::{SceneError, SceneProblem};
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
@@ -26,7 +30,7 @@ use super::tree::{self, Sources};
 use super::units::{self, Dimension};
 use super::{
     BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, motion, overrides, parse_effects,
-    parse_lattice, parse_muscle, parse_skin, paths,
+    parse_muscle, paths,
 };
 use crate::mesh::repair::{LONGEST_RIM, RepairOptions};
 use crate::mesh::shapes;
@@ -125,11 +129,7 @@ pub fn parse_content(
         .unwrap_or_default();
     let root = root.section(&ROOT)?;
     let name = scene_name(&root, file_stem)?;
-    let content = match kind(&root)? {
-        Kind::Muscles => Content::Muscles(Box::new(scene(&root, name)?)),
-        Kind::Skin => Content::Skin(Box::new(parse_skin::scene(&root, name)?)),
-        Kind::Lattice => Content::Lattice(Box::new(parse_lattice::scene(&root, name)?)),
-    };
+    let content = (kind(&root)?.read)(&root, name)?;
     Ok(content.with_origin(SceneOrigin::new(document, sources)))
 }
 
@@ -141,53 +141,32 @@ fn scene_name(root: &Section<'_>, file_stem: &str) -> Result<String, SceneError>
     }
 }
 
-/// The kind of a scene.
-enum Kind {
-    Muscles,
-    Skin,
-    Lattice,
-}
-
-/// Keys of scenes of muscles, of skin, of a lattice only; the first key of each list decides on the
-/// kind.
-const MUSCLES: [&str; 6] = ["muscle", "bone", "capsule", "effects", "solver", "accuracy"];
-const SKIN: [&str; 5] = ["skin", "implant", "ball", "obstacle", "sheet"];
-const LATTICE: [&str; 1] = ["lattice"];
-
 /// Determines the kind of a scene, and rejects keys of other kinds.
-fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
-    let (kind, others): (Kind, [&[&str]; 3]) = if root.get(MUSCLES[0]).is_some() {
-        (Kind::Muscles, [&SKIN, &LATTICE, &[]])
-    } else if root.get(SKIN[0]).is_some() {
-        (Kind::Skin, [&MUSCLES, &LATTICE, &["frame_rate"]])
-    } else if root.get(LATTICE[0]).is_some() {
-        (Kind::Lattice, [&MUSCLES, &SKIN, &[]])
-    } else {
-        return match SKIN.iter().find_map(|key| root.get(key)) {
-            Some(item) => item.fail(SceneProblem::missing(
-                "skin",
-                "a section [[skin]], under which it goes",
-            )),
+fn kind(root: &Section<'_>) -> Result<&'static KindSpec, SceneError> {
+    let has = |key: &str| root.get(key);
+    let Some(kind) = KINDS.iter().find(|kind| has(kind.deciding).is_some()) else {
+        let own = |kind: &'static KindSpec| kind.keys.iter().find_map(|(key, _)| has(key));
+        return match KINDS[1..].iter().find_map(|kind| Some((kind, own(kind)?))) {
+            Some((kind, item)) => item.fail(SceneProblem::missing(kind.deciding, kind.add)),
             // The reader of muscles reports the missing section.
-            None => Ok(Kind::Muscles),
+            None => Ok(&KINDS[0]),
         };
     };
-    let own = match kind {
-        Kind::Muscles => MUSCLES[0],
-        Kind::Skin => SKIN[0],
-        Kind::Lattice => LATTICE[0],
-    };
-    if let (Some(item), false) = (root.get("accuracy"), matches!(kind, Kind::Muscles)) {
+    if let (Some(item), false) = (has("accuracy"), kind.deciding == "muscle") {
         let message = "an accuracy is for scenes of muscles".to_owned();
         let hint =
             "leave it out; for skin, `pliant accuracy` tells which `edge_length` keeps an error"
                 .to_owned();
         return item.fail(SceneProblem::Override { message, hint });
     }
-    others
-        .into_iter()
-        .flatten()
-        .try_for_each(|other| root.exclusive(own, other))?;
+    for other in KINDS.iter().filter(|other| other.name != kind.name) {
+        for (key, _) in other.keys {
+            root.exclusive(kind.deciding, key)?;
+        }
+    }
+    for key in kind.without {
+        root.exclusive(kind.deciding, key)?;
+    }
     Ok(kind)
 }
 
@@ -195,7 +174,7 @@ fn no_muscle() -> SceneProblem {
     SceneProblem::missing("muscle", "a section [[muscle]]")
 }
 
-fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
+pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
     let frames = root.need("frames", "300")?.whole(1, 10_000_000)?;
     let frame_rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive)?;
     let mut taken = HashSet::new();

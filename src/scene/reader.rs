@@ -74,6 +74,10 @@ impl<'a> Item<'a> {
         })
     }
 
+    pub(super) fn is_text(&self) -> bool {
+        matches!(self.node.value, Value::Text(_))
+    }
+
     pub(super) fn text(&self, example: &str) -> Read<&'a str> {
         match &self.node.value {
             Value::Text(text) => Ok(text),
@@ -277,6 +281,14 @@ pub(super) fn unknown_key(key: &str, schema: &Schema) -> SceneProblem {
 }
 
 impl<'a> Section<'a> {
+    /// An error at a key of the table, or of the table as a whole without it.
+    pub(super) fn error_at(&self, key: &str, problem: SceneProblem) -> SceneError {
+        match self.get(key) {
+            Some(item) => item.error(problem),
+            None => SceneError::new(problem, &self.key, &self.span, self.context.sources),
+        }
+    }
+
     /// An error of the table as a whole.
     pub(super) fn fail<T>(&self, problem: SceneProblem) -> Read<T> {
         Err(SceneError::new(

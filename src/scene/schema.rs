@@ -1,5 +1,6 @@
 //! Every key of a scene with its place, for the reader and for the overrides.
 
+use super::content::{COMMON, KINDS};
 use super::effects::{EFFECTS, material_constants};
 use super::keys::KeySpec;
 use super::solvers::SOLVERS;
@@ -7,6 +8,8 @@ use super::solvers::SOLVERS;
 /// The keys of one table.
 #[derive(Debug)]
 pub(super) enum Schema {
+    /// The keys of all kinds of scenes.
+    Root,
     /// These keys.
     Listed(&'static [(&'static str, Kind)]),
     /// The keys of an effect or a solver.
@@ -37,6 +40,10 @@ impl Schema {
     fn entries(&self) -> Vec<(&'static str, Kind)> {
         let mut all = Vec::new();
         match self {
+            Self::Root => {
+                all.extend(COMMON);
+                all.extend(KINDS.iter().flat_map(|kind| kind.keys));
+            }
             Self::Listed(keys) => all.extend_from_slice(keys),
             Self::Keys(keys) => all.extend(keys.iter().map(|key| (key.key, key.schema()))),
             Self::Effects => {
@@ -73,25 +80,9 @@ impl Schema {
 use Kind::{List, Plain, Text};
 
 /// The document.
-pub(super) const ROOT: Schema = Schema::Listed(&[
-    ("name", Text),
-    ("frames", Plain),
-    ("frame_rate", Text),
-    ("accuracy", Text),
-    ("bone", List(&BONE)),
-    ("capsule", List(&CAPSULE)),
-    ("muscle", List(&MUSCLE)),
-    ("effects", Kind::Table(&Schema::Effects)),
-    ("solver", Kind::Table(&Schema::Solvers)),
-    ("skin", List(&SKIN)),
-    ("sheet", Kind::Table(&SHEET)),
-    ("implant", List(&IMPLANT)),
-    ("ball", Kind::Table(&BALL)),
-    ("obstacle", List(&OBSTACLE)),
-    ("lattice", Kind::Table(&LATTICE)),
-]);
+pub(super) const ROOT: Schema = Schema::Root;
 
-const SKIN: Schema = Schema::Listed(&[
+pub(super) const SKIN: Schema = Schema::Listed(&[
     ("name", Text),
     ("mesh", Text),
     ("shape", Text),
@@ -107,9 +98,9 @@ const SKIN: Schema = Schema::Listed(&[
     ("method", Text),
 ]);
 
-const SHEET: Schema = Schema::Listed(&[("side", Text), ("cells", Plain)]);
+pub(super) const SHEET: Schema = Schema::Listed(&[("side", Text), ("cells", Plain)]);
 
-const IMPLANT: Schema = Schema::Listed(&[
+pub(super) const IMPLANT: Schema = Schema::Listed(&[
     ("name", Text),
     ("at", Plain),
     ("near_vertex", Plain),
@@ -125,14 +116,14 @@ const IMPLANT: Schema = Schema::Listed(&[
 
 const FILL: Schema = Schema::Listed(&[("frame", Plain), ("day", Plain), ("volume", Text)]);
 
-const BALL: Schema = Schema::Listed(&[
+pub(super) const BALL: Schema = Schema::Listed(&[
     ("radius", Text),
     ("from", Plain),
     ("to", Plain),
     ("depth", Text),
 ]);
 
-const OBSTACLE: Schema = Schema::Listed(&[
+pub(super) const OBSTACLE: Schema = Schema::Listed(&[
     ("name", Text),
     ("mesh", Text),
     ("shape", Text),
@@ -143,7 +134,7 @@ const OBSTACLE: Schema = Schema::Listed(&[
     ("merge_within", Text),
 ]);
 
-const LATTICE: Schema = Schema::Listed(&[
+pub(super) const LATTICE: Schema = Schema::Listed(&[
     ("points", Plain),
     ("side", Text),
     ("neighbours", Plain),
@@ -154,7 +145,7 @@ const LATTICE: Schema = Schema::Listed(&[
     ("release", Plain),
 ]);
 
-const BONE: Schema = Schema::Listed(&[
+pub(super) const BONE: Schema = Schema::Listed(&[
     ("name", Text),
     ("mesh", Text),
     ("shape", Text),
@@ -181,7 +172,7 @@ const KEY: Schema = Schema::Listed(&[
     ("translation", Plain),
 ]);
 
-const CAPSULE: Schema = Schema::Listed(&[
+pub(super) const CAPSULE: Schema = Schema::Listed(&[
     ("name", Text),
     ("bone", Text),
     ("from", Plain),
@@ -189,7 +180,7 @@ const CAPSULE: Schema = Schema::Listed(&[
     ("radius", Text),
 ]);
 
-const MUSCLE: Schema = Schema::Listed(&[
+pub(super) const MUSCLE: Schema = Schema::Listed(&[
     ("name", Text),
     ("mesh", Text),
     ("shape", Text),

@@ -36,11 +36,7 @@ pub use fault::LoadError;
 pub use measures::Measures;
 pub use plan::Plan;
 pub use run::{Ended, Observer, run};
-pub(crate) use scenario::BodyState;
-pub use scenario::{
-    BodyDescription, FrameState, Scenario, ScenarioError, ScenarioKind, SceneDescription, Stepped,
-    scenario, scenario_with,
-};
+pub use scenario::*;
 
 use crate::contact::broad_phase::BroadPhase;
 use crate::contact::capsule::Capsule;

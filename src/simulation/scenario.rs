@@ -1,8 +1,10 @@
-//! A scene that runs frame by frame: one trait for muscles, skin and lattices.
+//! A scene that runs frame by frame: one trait for scenes of every kind.
 
+mod geometric;
 mod lattice;
 mod muscles;
 mod skin;
+pub use geometric::GeometricRun;
 
 use std::collections::HashSet;
 
@@ -10,7 +12,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::lattice::LatticeRun;
 use super::skin::SkinRun;
-use super::{LoadError, Plan, Simulation};
+use super::{LeftOut, LoadError, Plan, Planned, Simulation};
 use crate::constraints::distance::Distance;
 use crate::fibres::binding::BoundLines;
 use crate::io::names::file_name;
@@ -126,8 +128,23 @@ pub enum ScenarioKind<'a> {
     Skin(&'a SkinRun),
     /// A box of points on springs.
     Lattice(&'a LatticeRun),
+    /// A chain of frusta with constant volume.
+    Geometric(&'a GeometricRun),
     /// A kind outside of the library.
     Other,
+}
+
+impl ScenarioKind<'_> {
+    /// Name of the kind, as [`Content::kind`] has it; `other` for a kind outside of the library.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Muscles(_) => "muscles",
+            Self::Skin(_) => "skin",
+            Self::Lattice(_) => "lattice",
+            Self::Geometric(_) => "geometric",
+            Self::Other => "other",
+        }
+    }
 }
 
 /// The reason why a scenario rejected an operation.
@@ -142,6 +159,9 @@ pub enum ScenarioError {
 }
 
 /// A scene that runs frame by frame.
+///
+/// A finished run that the viewer replays is no scenario: its frames are read from files in any
+/// order, it has no plan and nothing to compute, and a frame can be missing.
 pub trait Scenario: Send {
     /// The scenario by its kind.
     fn kind(&self) -> ScenarioKind<'_> {
@@ -204,6 +224,11 @@ pub trait Scenario: Send {
     /// Measures up to the last frame, with the names that studies and summaries use.
     fn measures(&self) -> Vec<(&'static str, f64)>;
 
+    /// Measures that have an upper limit, and the limit.
+    fn limits(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
+
     /// A measure of the last frame. Its greatest value marks the worst frame.
     fn severity(&self) -> f64;
 
@@ -264,6 +289,7 @@ pub fn scenario_with(
         Content::Muscles(scene) => Box::new(Simulation::new((**scene).clone())?),
         Content::Skin(scene) => Box::new(SkinRun::new_with((**scene).clone(), progress)?),
         Content::Lattice(scene) => Box::new(LatticeRun::new((**scene).clone())?),
+        Content::Geometric(scene) => Box::new(GeometricRun::new((**scene).clone())),
     })
 }
 

@@ -1,4 +1,4 @@
-//! The tables of effects, solvers and formats: how many files mention an element, and whether the
+//! The tables of effects, solvers, kinds of scenes and formats: how many files mention an element, and whether the
 //! documents describe it correctly.
 //!
 //! A new effect, solver or format touches the files that mention an existing one.
@@ -141,6 +141,37 @@ fn a_solver_is_named_in_its_table_and_where_one_is_chosen() {
             "src/scene/parse_skin.rs",
             table,
             "src/solvers/quasi_static.rs"
+        ]
+    );
+}
+
+#[test]
+fn a_kind_of_scenes_is_named_in_four_files_and_where_it_has_a_command_or_controls() {
+    let texts = [
+        "Content::Geometric",
+        "ScenarioKind::Geometric",
+        "GeometricScene",
+        "GeometricRun",
+    ];
+    let found = naming(&sources(), "scenario/geometric", &texts);
+    let (own, further): (Vec<&String>, Vec<&String>) =
+        found.iter().partition(|path| path.starts_with("src/"));
+    assert_eq!(
+        own,
+        [
+            "src/scene/content.rs",
+            "src/scene/content/geometric.rs",
+            "src/simulation/scenario.rs",
+            "src/simulation/scenario/geometric.rs"
+        ]
+    );
+    // `pliant run`, `plan`, `study` and `view` need no further file.
+    assert_eq!(
+        further,
+        [
+            "cli/src/commands/biceps.rs",
+            "cli/src/report/biceps.rs",
+            "viewer/src/biceps.rs"
         ]
     );
 }

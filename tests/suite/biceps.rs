@@ -1,7 +1,7 @@
 //! The geometric muscle: sample values of the digest, its errata as controls, properties of random
-//! chains, meshes, frames, files.
+//! chains, meshes, frames.
 
-use pliant::geometric::{Chain, ChainError, ChainShape, file};
+use pliant::geometric::{Chain, ChainError, ChainShape};
 use pliant::mesh::{Topology, measures};
 use pliant::testing::internals::geometric::{Caps, Fineness, Frame, FrameError, surface};
 use proptest::prelude::*;
@@ -488,33 +488,4 @@ fn what_is_no_chain_is_refused() {
     .expect("a chain");
     assert!(matches!(rigid.set_length(19.0), Err(ChainError::Rigid)));
     rigid.set_length(20.0).expect("as it is");
-}
-
-const FILE: &str = "unit = \"cm\"\nradii = [1.0, 2.0, 1.0]\ngrow_mults = [0.0, 1.0, 0.0]\nlength = 20\nframe = [1, 18, 5, 2]\n";
-
-#[test]
-fn files_are_read_or_refused_with_their_place() {
-    let muscle = file::parse(FILE).expect("a muscle");
-    assert!((muscle.chain.length() - 0.2).abs() <= T1);
-    assert!(
-        (muscle.range[0] - 0.13).abs() <= T1 && (muscle.range[1] - 0.23).abs() <= T1,
-        "{:?}",
-        muscle.range
-    );
-    for (from, to, told) in [
-        ("length", "lenght", "line 4, column 1"),
-        ("2.0", "\"two\"", "line 2, column 15"),
-        ("cm", "parsec", "unit: `parsec` is no unit of length"),
-        ("20", "nan", "a length of NaN"),
-        ("20\n", "20\nmin_part = 1.5\n", "min_part, max_part"),
-        ("20\n", "20\ninsert = 100000000\n", "insert"),
-        ("[1, 18, 5, 2]", "[1, 18, 5]", "line 5"),
-        ("[1, 18, 5, 2]", "[1, 1, 5, 2]", "does not fit"),
-        ("[0.0, 1.0, 0.0]", "[0.0, 1.0]", "3 radii"),
-    ] {
-        let error = file::parse(&FILE.replacen(from, to, 1))
-            .expect_err(to)
-            .to_string();
-        assert!(error.contains(told), "{to}: {error}");
-    }
 }

@@ -191,6 +191,18 @@ fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
         (scene.points, scene.neighbours, scene.release),
         ([12; 3], Neighbours::TwentySix, 30)
     );
+    let Content::Geometric(scene) =
+        without_muscles(include_str!("../../src/scene/layout-geometric.toml"))
+    else {
+        panic!("no geometric muscle")
+    };
+    assert_eq!(scene.shape.radii[4], 0.01);
+    assert_eq!((scene.frames, scene.insert), (60, 0));
+    assert!(
+        scene
+            .fixed_length
+            .is_some_and(|length| (length - 0.21).abs() <= 1e-15)
+    );
 }
 
 #[test]
@@ -400,7 +412,8 @@ fn wrong_overrides_name_themselves() {
             "effect.contact.friction=0.3",
             "error[E052]: unknown key `effect`, did you mean `effects`?; \
           known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver, \
-          skin, sheet, implant, ball, obstacle, lattice",
+          skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
+         min_part, max_part, insert, caps, fixed_length",
         ),
         (
             "contact.friction=-1",

@@ -3,217 +3,79 @@
 //! Other properties of springs and points keep its motion; another number of points restarts it.
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
-use super::panel::{Control, Kind, List, Shown, Target, Value};
-use super::recipe::{Recipe, Refused, StartError, check_index, check_number};
+use super::panel::{self, Control, List, Shown, Target, Value};
+use super::recipe::{Refused, check_number};
+use super::running::{Kind, reading};
 use super::session::Command;
-use super::snapshot::{BodyShot, Probe, Reading, Shot, Stage, StageBody, Tissue};
-use super::subject::{Advanced, Subject, Watch};
-use pliant::constraints::Distance;
-use pliant::fibres::BoundLines;
-use pliant::mesh::Topology;
+use super::snapshot::{Reading, Shot};
 use pliant::scene::{Content, LatticeScene};
-use pliant::simulation::{LatticeRun, Stepped, strain_at_vertices};
+use pliant::simulation::{LatticeRun, LoadError, Scenario, ScenarioError};
 use pliant::springs::Neighbours;
 
 /// Greatest motion of a dragged point per frame, relative to the spacing: inverted springs do not
 /// recover.
 const MOST_DRAG: f64 = 0.5;
 
-/// A lattice in a session.
+/// The changes of a lattice by hand.
+#[derive(Default)]
 pub(super) struct Lattice {
-    recipe: Recipe,
-    start: LatticeScene,
-    run: LatticeRun,
-    stage: Arc<Stage>,
-    controls: Arc<Vec<Control>>,
-    springs: Vec<Distance>,
     /// Fixed vertices of the surface.
     fixed: BTreeSet<usize>,
     /// The dragged vertex and its target [m].
     dragged: Option<(usize, Point3<f64>)>,
-    probe: Option<usize>,
-    frame_ms: f64,
-}
-
-fn scene_of(recipe: &Recipe) -> Result<LatticeScene, Refused> {
-    match recipe.content().map_err(Refused::Scene)? {
-        Content::Lattice(scene) => Ok(*scene),
-        _ => Err(Refused::NotHere(
-            "this would be no scene of a lattice any more",
-        )),
-    }
 }
 
 impl Lattice {
-    /// Creates the lattice of `scene`.
-    pub(super) fn new(recipe: Recipe, scene: LatticeScene) -> Result<Self, StartError> {
-        let (start, run) = (scene.clone(), LatticeRun::new(scene)?);
-        let mut lattice = Self {
-            recipe,
-            start,
-            run,
-            stage: Arc::default(),
-            controls: Arc::default(),
-            springs: Vec::new(),
-            fixed: BTreeSet::new(),
-            dragged: None,
-            probe: None,
-            frame_ms: 0.0,
-        };
-        lattice.look();
-        Ok(lattice)
-    }
-
-    /// The displayed data of a new surface.
-    fn look(&mut self) {
-        let surface = &self.run.surface;
-        let topology = Topology::new(surface);
-        let lengths = topology.edge_lengths(surface);
-        self.springs = topology
-            .edges
-            .iter()
-            .zip(lengths)
-            .map(|(&points, rest)| Distance { points, rest })
-            .collect();
-        let held = (0..surface.vertices.len())
-            .filter(|v| self.run.point_of(*v)[2] == 0)
-            .map(|v| v as u32);
-        let body = StageBody {
-            name: self.run.scene.name.clone(),
-            tissue: Tissue::Plain,
-            triangles: surface.triangles.clone(),
-            held: held.collect(),
-            edges: topology.edges,
-            fibres: BoundLines::default(),
-        };
-        self.stage = Arc::new(Stage {
-            bodies: vec![body],
-            bones: Vec::new(),
-        });
-        self.controls = Arc::new(controls(&self.start, &self.run.scene));
-        self.probe = self.probe.filter(|v| *v < self.run.surface.vertices.len());
-    }
-
-    fn change(&mut self, recipe: Recipe) -> Result<(), Refused> {
-        let mut run = LatticeRun::new(scene_of(&recipe)?).map_err(Refused::Load)?;
-        if run.lattice.shape() == self.run.lattice.shape() {
-            run.continue_from(&self.run);
-            self.controls = Arc::new(controls(&self.start, &run.scene));
-            (self.recipe, self.run) = (recipe, run);
-        } else {
-            (self.recipe, self.run, self.dragged, self.frame_ms) = (recipe, run, None, 0.0);
-            self.fixed.clear();
-            self.look();
-        }
-        Ok(())
-    }
-
-    /// A vertex that is in no fixed layer of the scene.
-    fn free(&self, body: usize, vertex: usize) -> Result<(), Refused> {
-        check_index("body", body, 1)?;
-        check_index("vertex", vertex, self.run.surface.vertices.len())?;
-        let [.., layer] = self.run.point_of(vertex);
-        let scene = &self.run.scene;
-        if layer == 0 {
-            return Err(Refused::NotHere(
-                "the scene holds the lowest layer; choose a vertex above it",
-            ));
-        }
-        if layer + 1 == scene.points[2]
-            && scene.drag.norm() > 0.0
-            && self.run.frame() < scene.release
-        {
-            return Err(Refused::NotHere(
-                "the scene drags the highest layer and has not let it go yet; choose a vertex below",
-            ));
-        }
-        Ok(())
-    }
-
-    fn drag(&mut self, vertex: usize, to: &Point3<f64>) -> Result<(), Refused> {
+    fn drag(
+        &mut self,
+        run: &mut LatticeRun,
+        vertex: usize,
+        to: &Point3<f64>,
+    ) -> Result<(), Refused> {
         to.iter()
             .try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
         if self.dragged.is_none_or(|(known, _)| known != vertex) {
-            self.let_go();
+            self.let_go(run);
         }
-        self.run.lattice.pin(self.run.point_of(vertex));
+        run.lattice.pin(run.point_of(vertex));
         self.dragged = Some((vertex, *to));
         Ok(())
     }
 
-    fn let_go(&mut self) {
-        if let Some((vertex, _)) = self
-            .dragged
-            .take()
-            .filter(|(vertex, _)| !self.fixed.contains(vertex))
-        {
-            self.run.lattice.release(self.run.point_of(vertex));
+    fn let_go(&mut self, run: &mut LatticeRun) {
+        let dragged = self.dragged.take();
+        if let Some((vertex, _)) = dragged.filter(|(vertex, _)| !self.fixed.contains(vertex)) {
+            run.lattice.release(run.point_of(vertex));
         }
     }
+}
 
-    /// Moves dragged points and holds fixed ones: the scene's release of its top layer releases all
-    /// of its points.
-    fn steer(&mut self) {
-        let most = MOST_DRAG * self.run.lattice.shape().spacing[0];
-        if let Some((vertex, to)) = self.dragged {
-            let point = self.run.point_of(vertex);
-            let from = Point3::from(self.run.lattice.position(point));
-            let way = to - from;
-            let share = if way.norm() > most {
-                most / way.norm()
-            } else {
-                1.0
-            };
-            self.run.lattice.place(point, (from + way * share).into());
-        }
-        for vertex in self
-            .fixed
-            .iter()
-            .copied()
-            .chain(self.dragged.map(|(vertex, _)| vertex))
-        {
-            self.run.lattice.pin(self.run.point_of(vertex));
-        }
+/// Checks that a vertex is in no fixed layer of the scene.
+fn check_free(run: &LatticeRun, vertex: usize) -> Result<(), Refused> {
+    let [.., layer] = run.point_of(vertex);
+    let scene = &run.scene;
+    if layer == 0 {
+        return Err(Refused::NotHere(
+            "the scene holds the lowest layer; choose a vertex above it",
+        ));
     }
+    let drags = scene.drag.norm() > 0.0 && run.frame() < scene.release;
+    if layer + 1 == scene.points[2] && drags {
+        return Err(Refused::NotHere(
+            "the scene drags the highest layer and has not let it go yet; choose a vertex below",
+        ));
+    }
+    Ok(())
+}
 
-    fn velocity(&self, point: [usize; 3]) -> Vector3<f64> {
-        let lattice = &self.run.lattice;
-        let moved = Vector3::from(lattice.position(point))
-            - Vector3::from(lattice.previous_position(point));
-        moved / lattice.time_step()
-    }
-
-    fn readings(&self) -> Vec<Reading> {
-        let (lattice, last) = (&self.run.lattice, self.run.frames.last());
-        let twice: f64 = lattice
-            .shape()
-            .each()
-            .map(|p| self.velocity(p).norm_squared())
-            .sum();
-        let one = |name, unit, value| Reading {
-            name,
-            of: String::new(),
-            unit,
-            value,
-        };
-        vec![
-            one(
-                "Distance from the start",
-                "mm",
-                last.map_or(0.0, |f| 1e3 * f.distance),
-            ),
-            one(
-                "Motion in a frame",
-                "mm",
-                last.map_or(0.0, |f| 1e3 * f.moved),
-            ),
-            one("Kinetic energy", "mJ", 0.5e3 * self.run.scene.mass * twice),
-        ]
-    }
+fn velocity(run: &LatticeRun, point: [usize; 3]) -> Vector3<f64> {
+    let lattice = &run.lattice;
+    let moved =
+        Vector3::from(lattice.position(point)) - Vector3::from(lattice.previous_position(point));
+    moved / lattice.time_step()
 }
 
 /// Controls of springs and points; the start value is in the middle of the range.
@@ -249,114 +111,111 @@ fn controls(start: &LatticeScene, now: &LatticeScene) -> Vec<Control> {
         "lattice",
         "neighbours",
         path("neighbours"),
-        Kind::Choice(vec!["6", "26"]),
+        panel::Kind::Choice(vec!["6", "26"]),
         Value::Choice(chosen),
     );
     list.0
 }
 
-impl Subject for Lattice {
-    fn frame_rate(&self) -> f64 {
-        self.run.scene.frame_rate
-    }
+impl Kind for Lattice {
+    type Run = LatticeRun;
 
-    fn shot(&mut self) -> Shot {
-        let positions = self.run.surface_at();
-        let speeds = (0..positions.len()).map(|v| self.velocity(self.run.point_of(v)).norm());
-        let body = BodyShot {
-            stretch: strain_at_vertices(&self.springs, &positions),
-            speed: speeds.collect(),
-            fixed: self.fixed.iter().map(|v| *v as u32).collect(),
-            dragged: self.dragged.map(|(vertex, to)| (vertex as u32, to)),
-            positions,
-            ..BodyShot::default()
-        };
-        let probe = |vertex: usize| Probe {
-            body: 0,
-            vertex,
-            values: vec![
-                ("stretch", 100.0 * body.stretch[vertex], "%"),
-                ("speed", 1e3 * body.speed[vertex], "mm/s"),
-                (
-                    "from the start",
-                    1e3 * (body.positions[vertex] - self.run.surface.vertices[vertex]).norm(),
-                    "mm",
-                ),
-            ],
-        };
-        Shot {
-            frame: self.run.frame(),
-            last_frame: self.run.scene.frames,
-            stage: self.stage.clone(),
-            scene: None,
-            controls: self.controls.clone(),
-            probe: self.probe.map(probe),
-            bodies: vec![body],
-            bones: Vec::new(),
-            handles: Vec::new(),
-            readings: self.readings(),
-            effects: vec![("springs", self.frame_ms)],
-            notes: Vec::new(),
-        }
-    }
-
-    fn advance(&mut self, _: Watch<'_>) -> Advanced {
-        self.steer();
-        match self.run.step() {
-            Stepped::Done => {
-                self.frame_ms = self.run.frames.last().map_or(0.0, |f| 1e3 * f.time_s);
-                Advanced::On
+    fn run_of(content: &Content) -> Result<Option<Box<LatticeRun>>, LoadError> {
+        match content {
+            Content::Lattice(scene) => {
+                LatticeRun::new((**scene).clone()).map(|run| Some(Box::new(run)))
             }
-            Stepped::Interrupted => Advanced::GivenUp,
-            Stepped::Failed(why) => Advanced::Failed(why),
+            _ => Ok(None),
         }
     }
 
-    fn obey(&mut self, command: &Command) -> Result<(), Refused> {
+    fn continue_from(run: &mut LatticeRun, before: &LatticeRun) -> Result<(), ScenarioError> {
+        Scenario::continue_from(run, before)
+    }
+
+    fn has_same_surface(before: &LatticeRun, now: &LatticeRun) -> bool {
+        before.lattice.shape() == now.lattice.shape()
+    }
+
+    fn is_finished(_: &LatticeRun) -> bool {
+        // A released lattice moves on after the last frame of its scene.
+        false
+    }
+
+    fn controls(&self, start: &LatticeRun, now: &LatticeRun) -> Vec<Control> {
+        controls(&start.scene, &now.scene)
+    }
+
+    fn restarted(&mut self) {
+        *self = Self::default();
+    }
+
+    fn readings(&self, run: &LatticeRun) -> Vec<Reading> {
+        let points = run.lattice.shape().each();
+        let twice: f64 = points.map(|p| velocity(run, p).norm_squared()).sum();
+        let last = run.frames.last();
+        let distance = last.map_or(0.0, |f| 1e3 * f.distance);
+        let moved = last.map_or(0.0, |f| 1e3 * f.moved);
+        let energy = 0.5e3 * run.scene.mass * twice;
+        vec![
+            reading("Distance from the start", "mm", distance),
+            reading("Motion in a frame", "mm", moved),
+            reading("Kinetic energy", "mJ", energy),
+        ]
+    }
+
+    fn complete(&self, run: &LatticeRun, shot: &mut Shot) {
+        let body = &mut shot.bodies[0];
+        let vertices = 0..body.positions.len();
+        let speeds = vertices.map(|v| velocity(run, run.point_of(v)).norm());
+        body.speed = speeds.collect();
+        body.fixed = self.fixed.iter().map(|v| *v as u32).collect();
+        body.dragged = self.dragged.map(|(vertex, to)| (vertex as u32, to));
+        let ms = run.frames.last().map_or(0.0, |f| 1e3 * f.time_s);
+        shot.effects.push(("springs", ms));
+    }
+
+    /// Moves dragged points and holds fixed ones: the scene's release of its top layer releases all
+    /// of its points.
+    fn before_step(&mut self, run: &mut LatticeRun) {
+        let most = MOST_DRAG * run.lattice.shape().spacing[0];
+        if let Some((vertex, to)) = self.dragged {
+            let point = run.point_of(vertex);
+            let from = Point3::from(run.lattice.position(point));
+            let way = to - from;
+            let share = if way.norm() > most {
+                most / way.norm()
+            } else {
+                1.0
+            };
+            run.lattice.place(point, (from + way * share).into());
+        }
+        let dragged = self.dragged.map(|(vertex, _)| vertex);
+        for vertex in self.fixed.iter().copied().chain(dragged) {
+            run.lattice.pin(run.point_of(vertex));
+        }
+    }
+
+    fn steer(&mut self, run: &mut LatticeRun, command: &Command) -> Result<(), Refused> {
         match command {
-            Command::Reset => {
-                self.run = LatticeRun::new(self.run.scene.clone()).map_err(Refused::Load)?;
-                (self.dragged, self.frame_ms) = (None, 0.0);
-                self.fixed.clear();
+            Command::Drag { vertex, to, .. } => {
+                check_free(run, *vertex)?;
+                self.drag(run, *vertex, to)?;
             }
-            Command::Set { path, value } => return self.change(self.recipe.with(path, value)),
-            Command::Restore { path } => return self.change(self.recipe.without(path)),
-            Command::Drag {
-                body, vertex, to, ..
-            } => {
-                self.free(*body, *vertex)?;
-                return self.drag(*vertex, to);
-            }
-            Command::LetGo { body } => {
-                check_index("body", *body, 1)?;
-                self.let_go();
-            }
-            Command::Fix { body, vertex } => {
-                self.free(*body, *vertex)?;
+            Command::Fix { vertex, .. } => {
+                check_free(run, *vertex)?;
                 self.fixed.insert(*vertex);
-                self.run.lattice.pin(self.run.point_of(*vertex));
+                run.lattice.pin(run.point_of(*vertex));
             }
-            Command::Free { body, vertex } => {
-                self.free(*body, *vertex)?;
+            Command::Free { vertex, .. } => {
+                check_free(run, *vertex)?;
                 let is_dragged = self.dragged.is_some_and(|(dragged, _)| dragged == *vertex);
                 if self.fixed.remove(vertex) && !is_dragged {
-                    self.run.lattice.release(self.run.point_of(*vertex));
+                    run.lattice.release(run.point_of(*vertex));
                 }
             }
-            Command::Probe(None) => self.probe = None,
-            Command::Probe(Some((body, vertex))) => {
-                check_index("body", *body, 1)?;
-                check_index("vertex", *vertex, self.run.surface.vertices.len())?;
-                self.probe = Some(*vertex);
-            }
-            Command::Turn { bone, .. } | Command::Hold { bone } | Command::ByMotion { bone } => {
-                return check_index("bone", *bone, 0);
-            }
-            Command::Move { handle, .. } => return check_index("handle", *handle, 0),
-            Command::Seek { .. } | Command::Backwards(_) => {
-                return Err(Refused::NotHere(super::ONLY_REPLAYED));
-            }
-            Command::Pause | Command::Run | Command::Step | Command::Speed(_) => {}
+            Command::LetGo { .. } => self.let_go(run),
+            _ => {}
         }
         Ok(())
     }

@@ -16,8 +16,9 @@
 //! # Ok::<(), pliant_viewer::StartError>(())
 //! ```
 //!
-//! A session runs muscles among bones, skin over implants or over a ball, a lattice of springs, or
-//! a geometric muscle, whose file has the key `radii`.
+//! A session runs a scene of any kind: muscles among bones, skin over implants or over a ball, a
+//! lattice of springs, a geometric muscle. A kind without controls of its own is shown without
+//! controls.
 //!
 //! *Limitations.* A session continues after the last frame of its scene; bones then stay where
 //! their motion ends. A requested accuracy of the scene selects no solver here. Skin ends at its
@@ -26,8 +27,8 @@
 //! the error appears only after the preparation, not with the answer to the move. A lattice with
 //! another number of points restarts; with other springs it continues, with velocities rounded
 //! once. A geometric muscle with edited nodes, growth or inserted nodes keeps its new rest volume
-//! from then on. Its length follows the animation until it is set, and again after `animation` is
-//! set to `on`.
+//! from then on. Its length follows the frames until it is set, and again after `animation` is set
+//! to `on`.
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 
 mod biceps;
@@ -41,6 +42,7 @@ pub mod pick;
 mod recipe;
 pub mod recording;
 mod replay;
+mod running;
 mod session;
 mod skin;
 mod snapshot;

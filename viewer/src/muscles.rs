@@ -366,7 +366,7 @@ impl Subject for Muscles {
             if let Some(found) = wish.wait(PATIENCE) {
                 self.grant(found);
             }
-            return Advanced::GivenUp;
+            return Advanced::Interrupted;
         }
         self.steer_bones();
         let (step, frame, simulation) =
@@ -389,13 +389,13 @@ impl Subject for Muscles {
             .iter()
             .all(|body| body.stopped.is_some());
         if all_stopped {
-            Advanced::Rests
+            Advanced::Finished
         } else {
-            Advanced::On
+            Advanced::Running
         }
     }
 
-    fn obey(&mut self, command: &Command) -> Result<(), Refused> {
+    fn apply(&mut self, command: &Command) -> Result<(), Refused> {
         match command {
             Command::Reset => return self.reset(),
             Command::Set { path, value } => {

@@ -2,15 +2,14 @@
 
 use std::path::PathBuf;
 
-use crate::biceps::{Biceps, is_biceps};
+use crate::biceps::Biceps;
 use crate::lattice::Lattice;
 use crate::muscles::Muscles;
+use crate::running::{Plain, Running};
 use crate::skin::Skin;
 use crate::subject::Subject;
 use pliant::format::number;
-use pliant::geometric::file::FileError;
 use pliant::scene::builtin::{self, Written};
-use pliant::scene::units::UnitError;
 use pliant::scene::{
     AreaSpec, Content, Scene, SceneError, Source, Surroundings, Variables, no_variables,
     parse_content, parse_with,
@@ -26,14 +25,6 @@ pub enum StartError {
     /// The meshes of the scene cannot be used.
     #[error("{0}")]
     Load(#[from] LoadError),
-    /// The file of a geometric muscle is invalid.
-    #[error("{name}: {why}")]
-    Muscle {
-        /// Name of the file.
-        name: String,
-        /// The error in the file or in a change.
-        why: Box<Refused>,
-    },
     /// The system could not start a thread.
     #[error(
         "the simulation cannot have a thread of its own: {0}; end other programs and try again"
@@ -50,12 +41,6 @@ pub enum Refused {
     /// The meshes are not suitable for the changed scene.
     #[error("{}", .0.terse())]
     Load(LoadError),
-    /// The geometric muscle would be invalid.
-    #[error("{0}")]
-    Geometric(FileError),
-    /// The value is no quantity of the required dimension.
-    #[error("{0}; {help}", help = .0.help())]
-    Unit(UnitError),
     /// The value has another kind.
     #[error("`{path}` cannot be `{value}`; give {wanted}")]
     Value {
@@ -82,14 +67,6 @@ pub enum Refused {
         high: f64,
         /// The unit of all three.
         unit: &'static str,
-    },
-    /// The path does not exist.
-    #[error("there is no `{path}` to be changed; there are {known}")]
-    NoPath {
-        /// The path.
-        path: String,
-        /// The existing paths.
-        known: &'static str,
     },
     /// The change requires other meshes.
     #[error(
@@ -207,40 +184,17 @@ impl Recipe {
     /// # Errors
     /// Any error of the scene or its meshes.
     pub fn subject(self) -> Result<Box<dyn Subject>, StartError> {
-        if is_biceps(&self.text) {
-            return Ok(Box::new(Biceps::new(self)?));
-        }
         Ok(match self.content()? {
             Content::Muscles(scene) => {
                 Box::new(Muscles::new(self, *scene, Simulation::step_frame)?)
             }
             Content::Skin(scene) => Box::new(Skin::new(self, *scene)?),
-            Content::Lattice(scene) => Box::new(Lattice::new(self, *scene)?),
+            other => match other.kind() {
+                "lattice" => Running::<Lattice>::start(self, &other)?,
+                "geometric" => Running::<Biceps>::start(self, &other)?,
+                _ => Running::<Plain>::start(self, &other)?,
+            },
         })
-    }
-
-    /// The text of the scene.
-    pub(super) fn text(&self) -> &str {
-        &self.text
-    }
-
-    /// The name of the scene.
-    pub(super) fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Path and value of each override from the command line.
-    pub(super) fn given(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.given
-            .iter()
-            .map(|given| given.split_once('=').unwrap_or((given, "")))
-    }
-
-    /// Path and value of each change so far.
-    pub(super) fn changed(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.changes
-            .iter()
-            .map(|(path, value)| (path.as_str(), value.as_str()))
     }
 
     /// The scene with all changes, of any kind.

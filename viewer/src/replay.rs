@@ -486,21 +486,21 @@ impl Subject for Replay {
         while let Some(next) = self.next(k) {
             if self.show(next).is_ok() {
                 return if self.next(next).is_some() {
-                    Advanced::On
+                    Advanced::Running
                 } else {
-                    Advanced::Rests
+                    Advanced::Finished
                 };
             }
             // Damaged frames are skipped.
             if watch.is_ended() {
-                return Advanced::GivenUp;
+                return Advanced::Interrupted;
             }
             k = next;
         }
-        Advanced::Rests
+        Advanced::Finished
     }
 
-    fn obey(&mut self, command: &Command) -> Result<(), Refused> {
+    fn apply(&mut self, command: &Command) -> Result<(), Refused> {
         match command {
             Command::Reset => {
                 let frame = self

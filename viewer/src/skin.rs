@@ -209,11 +209,11 @@ impl Skin {
         match SkinRun::new_with(moving.scene.clone(), &watch) {
             Ok(run) => {
                 self.take(moving.recipe, run);
-                Advanced::On
+                Advanced::Running
             }
             Err(_) if watch.is_ended() || watch.is_called() => {
                 self.moving = Some(Box::new(moving));
-                Advanced::GivenUp
+                Advanced::Interrupted
             }
             // The implant stays at its previous place.
             Err(error) => Advanced::Refused(LoadError::terse(&error)),
@@ -240,17 +240,17 @@ impl Subject for Skin {
         }
         let last = self.run.scene.frames;
         if self.run.frame() >= last {
-            return Advanced::Rests;
+            return Advanced::Finished;
         }
         match self.run.step(&watch) {
-            Stepped::Done if self.run.frame() >= last => Advanced::Rests,
-            Stepped::Done => Advanced::On,
-            Stepped::Interrupted => Advanced::GivenUp,
+            Stepped::Done if self.run.frame() >= last => Advanced::Finished,
+            Stepped::Done => Advanced::Running,
+            Stepped::Interrupted => Advanced::Interrupted,
             Stepped::Failed(why) => Advanced::Failed(why),
         }
     }
 
-    fn obey(&mut self, command: &Command) -> Result<(), Refused> {
+    fn apply(&mut self, command: &Command) -> Result<(), Refused> {
         match command {
             Command::Reset => self.reset(),
             Command::Set { path, value } => self.set(path, value),

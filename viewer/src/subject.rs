@@ -13,11 +13,11 @@ use pliant::progress::Progress;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Advanced {
     /// The frame is computed, and others can follow.
-    On,
+    Running,
     /// The frame is computed, and none follows automatically.
-    Rests,
+    Finished,
     /// The computation was interrupted for a waiting command; the display is unchanged.
-    GivenUp,
+    Interrupted,
     /// An earlier request is impossible, with the reason; the display is unchanged.
     Refused(String),
     /// The computation failed, with the cause; only a reset helps.
@@ -77,5 +77,5 @@ pub trait Subject: Send {
     ///
     /// # Errors
     /// The command is impossible; the subject is unchanged.
-    fn obey(&mut self, command: &Command) -> Result<(), Refused>;
+    fn apply(&mut self, command: &Command) -> Result<(), Refused>;
 }

@@ -89,8 +89,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     match environment::load_content(&arguments.scene, &arguments.set)? {
         Content::Muscles(scene) => of_muscles(arguments, &scene),
         Content::Skin(scene) => of_skin(arguments, &scene),
-        Content::Lattice(_) => {
-            let hint = "compare lattices in a study that varies `lattice.points`, see `pliant study --help`";
+        _ => {
+            let hint = "compare scenes of other kinds in a study that varies a key such as `lattice.points`, see `pliant study --help`";
             Err(Failure::usage(
                 "accuracy is measured for muscles and for skin",
                 hint,

@@ -129,9 +129,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         }
         Err(window::WindowError::Start(StartError::Scene(error))) => Err(error.into()),
         Err(window::WindowError::Start(StartError::Load(error))) => Err(error.into()),
-        Err(window::WindowError::Start(error @ StartError::Muscle { .. })) => {
-            Err(Failure::Told(error.to_string()))
-        }
         Err(error) => {
             super::warn(&format!("error: {error}; {}", error.help()));
             Ok(super::FAILED)

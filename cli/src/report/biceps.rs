@@ -1,18 +1,21 @@
 //! Files of a geometric muscle: mesh, picture, animation, table over its range of lengths.
 
 use std::io;
+use std::ops::ControlFlow;
 use std::path::Path;
+use std::time::Duration;
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use super::output::{DataFile, OutputFile, Picture, Plot, RunOutput, Verdict, measures};
 use super::{LinePlot, Series, Table};
 use pliant::format::number;
-use pliant::geometric::file::GeometricMuscle;
-use pliant::geometric::pose::{Pose, at, cycle};
+use pliant::geometric::GeometricMuscle;
+use pliant::geometric::pose::{Pose, at};
 use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
+use pliant::simulation::{GeometricRun, Observer};
 use pliant_render::{
     Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render, to_gif,
 };
@@ -24,9 +27,6 @@ const ROWS: u32 = 100;
 const SIZE: (u32, u32) = (800, 560);
 const FLESH: Rgb = [0.72, 0.25, 0.22];
 const BONE: Rgb = [0.35, 0.33, 0.30];
-/// Pictures per second of an animation.
-const RATE: f64 = 24.0;
-
 /// The volume is kept to this share.
 const VOLUME_HELD: f64 = 1e-9;
 
@@ -47,8 +47,8 @@ struct Measures {
 }
 
 impl Measures {
-    fn of(muscle: &GeometricMuscle, pose: &Pose, poses: Option<u32>) -> Self {
-        let chain = &muscle.chain;
+    fn of(run: &GeometricRun, poses: usize) -> Self {
+        let (muscle, pose, chain) = (&run.muscle, &run.pose, &run.muscle.chain);
         let radii = || chain.radii().iter().copied();
         Self {
             nodes: chain.radii().len(),
@@ -61,7 +61,7 @@ impl Measures {
             radius_max_m: radii().fold(0.0, f64::max),
             radius_min_m: radii().fold(f64::INFINITY, f64::min),
             joint_angle_deg: pose.joint_angle.map(f64::to_degrees),
-            poses: poses.unwrap_or(1) as usize,
+            poses: poses.max(1),
         }
     }
 
@@ -83,22 +83,35 @@ impl Measures {
     }
 }
 
-/// The result: the muscle as it is; with `frames`, also an animation of that many pictures.
+/// Keeps the shapes of all frames of an animation except the last, which is the first again.
+#[derive(Default)]
+pub struct Animation(Vec<Pose>);
+
+impl Observer<GeometricRun> for Animation {
+    fn frame(&mut self, run: &GeometricRun, _: Duration) -> ControlFlow<()> {
+        if self.0.len() < run.scene.frames {
+            self.0.push(run.pose.clone());
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+/// The result: the muscle in the last frame of a run, and an animation if there is one.
 ///
 /// # Errors
 /// A picture that cannot be encoded.
-pub fn output<'a>(
-    name: &str,
-    muscle: &'a GeometricMuscle,
-    frames: Option<u32>,
-) -> Result<RunOutput<'a>, PictureError> {
-    let pose = Pose::of(muscle);
-    let poses = frames.map_or(Vec::new(), |count| cycle(muscle, count));
-    let camera = camera(poses.iter().chain([&pose]));
+pub fn output(
+    run: &GeometricRun,
+    animation: Option<Animation>,
+) -> Result<RunOutput<'_>, PictureError> {
+    let (muscle, pose, unit) = (&run.muscle, &run.pose, run.scene.unit);
+    let (name, rate) = (run.scene.name.as_str(), run.scene.frame_rate);
+    let poses = animation.unwrap_or_default().0;
+    let camera = camera(poses.iter().chain([pose]));
     let mut pictures = vec![Picture {
         file: "muscle.png".to_owned(),
-        caption: format!("at a length of {}", number(pose.length / muscle.unit)),
-        bytes: draw(&pose, &camera).to_png()?,
+        caption: format!("at a length of {}", number(pose.length / unit)),
+        bytes: draw(pose, &camera).to_png()?,
         wide: false,
     }];
     let file = file_name(name);
@@ -107,21 +120,20 @@ pub fn output<'a>(
         pictures.push(Picture {
             file: format!("{file}.gif"),
             caption: "over all lengths that it can take".to_owned(),
-            bytes: to_gif(&drawn, 1.0 / RATE)?,
+            bytes: to_gif(&drawn, 1.0 / rate)?,
             wide: false,
         });
     }
     let [least, most] = muscle.range;
     let share = |k: u32| least + (most - least) * f64::from(k) / f64::from(ROWS);
     let table = at(muscle, (0..=ROWS).map(share));
-    let own = Measures::of(muscle, &pose, frames);
+    let own = Measures::of(run, poses.len());
     let plot = |plot| Plot { file: None, plot };
     let volume = Verdict::at_most(
         "volume error at most 1e-9",
         own.volume_error.abs(),
         VOLUME_HELD,
     );
-    let unit = muscle.unit;
     Ok(RunOutput {
         kind: "biceps",
         name: name.to_owned(),
@@ -131,23 +143,23 @@ pub fn output<'a>(
         title: format!("{name}: a muscle of frusta"),
         plots_title: "Over all lengths".to_owned(),
         plots: plots(unit, &table).into_iter().map(plot).collect(),
-        tables: vec![nodes(muscle)],
-        explanations: vec![facts(muscle, &pose)],
+        tables: vec![nodes(muscle, unit)],
+        explanations: vec![facts(muscle, pose, unit)],
         pictures,
         data: vec![lengths(table)],
-        files: files(&file, pose, poses),
+        files: files(&file, rate, pose, poses),
         ..RunOutput::default()
     })
 }
 
 /// The mesh, and a mesh for each pose of an animation with a file that lists them.
-fn files<'a>(file: &str, pose: Pose, poses: Vec<Pose>) -> Vec<OutputFile<'a>> {
-    let mut all = vec![OutputFile::new("muscle.vtp", move |path| put(path, &pose))];
+fn files<'a>(file: &str, rate: f64, pose: &'a Pose, poses: Vec<Pose>) -> Vec<OutputFile<'a>> {
+    let mut all = vec![OutputFile::new("muscle.vtp", move |path| put(path, pose))];
     let (mut series, is_animated) = (Collection::new(), !poses.is_empty());
     for (k, pose) in poses.into_iter().enumerate() {
         let name = format!("frames/{file}_{k:06}.vtp");
         series.push(Entry {
-            time: k as f64 / RATE,
+            time: k as f64 / rate,
             part: 0,
             name: file.to_owned(),
             file: name.clone(),
@@ -161,10 +173,18 @@ fn files<'a>(file: &str, pose: Pose, poses: Vec<Pose>) -> Vec<OutputFile<'a>> {
     all
 }
 
+/// The two bars as lines; none without a frame.
+fn bars(pose: &Pose) -> Vec<Vec<Point3<f64>>> {
+    match pose.bars.as_slice() {
+        [] => Vec::new(),
+        points => vec![points[..3].to_vec(), points[2..].to_vec()],
+    }
+}
+
 fn put(path: &Path, pose: &Pose) -> io::Result<()> {
     let mut points = pose.mesh.vertices.clone();
     let mut lines = Vec::new();
-    for bar in &pose.bars {
+    for bar in bars(pose) {
         let first = points.len() as u32;
         lines.push((first..first + bar.len() as u32).collect::<Vec<u32>>());
         points.extend(bar);
@@ -180,19 +200,14 @@ fn put(path: &Path, pose: &Pose) -> io::Result<()> {
 
 fn camera<'a>(poses: impl Iterator<Item = &'a Pose>) -> Camera {
     let view = View::orthographic(Vector3::z(), Vector3::y());
-    let all = poses.flat_map(|p| {
-        p.mesh
-            .vertices
-            .iter()
-            .chain(p.bars.iter().flatten())
-            .copied()
-    });
+    let all = poses.flat_map(|p| p.mesh.vertices.iter().chain(&p.bars).copied());
     Camera::fit(all, &view, Canvas::new(SIZE.0, SIZE.1))
 }
 
 fn draw(pose: &Pose, camera: &Camera) -> Frame {
     let surface = Surface::plain(&pose.mesh.vertices, &pose.mesh.triangles, FLESH);
-    let mut bars = Lines::new(&pose.bars, BONE);
+    let bars = bars(pose);
+    let mut bars = Lines::new(&bars, BONE);
     bars.width = 7.0;
     render(&Drawing::of([surface]).with_lines(bars), camera)
 }
@@ -215,8 +230,8 @@ fn lengths<'a>(poses: Vec<Pose>) -> DataFile<'a> {
 }
 
 /// The nodes, lengths in the unit of the file.
-fn nodes(muscle: &GeometricMuscle) -> Table {
-    let unit = |value: f64| value / muscle.unit;
+fn nodes(muscle: &GeometricMuscle, unit: f64) -> Table {
+    let unit = |value: f64| value / unit;
     let mut nodes = Table::new(
         "Nodes",
         ["node", "place", "radius at rest", "growth", "radius"],
@@ -259,8 +274,8 @@ fn plots(unit: f64, poses: &[Pose]) -> Vec<LinePlot> {
     plots
 }
 
-fn facts(muscle: &GeometricMuscle, pose: &Pose) -> String {
-    let unit = |value: f64| value / muscle.unit;
+fn facts(muscle: &GeometricMuscle, pose: &Pose, unit: f64) -> String {
+    let unit = |value: f64| value / unit;
     let rest = muscle.chain.rest();
     format!(
         "Length {} of {} at rest, from {} to {}; lengths are in the unit of the file. The volume differs by {:.1e} of itself from that at rest.",

@@ -13,6 +13,7 @@ pub mod gathered;
 mod html;
 pub mod implant;
 mod lattice;
+mod measured;
 pub mod moment_arms;
 pub mod morph;
 pub mod muscles;

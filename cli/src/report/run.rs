@@ -10,7 +10,7 @@ use super::frames::{FrameWriter, Listing};
 use super::output::{Picture, RunOutput, SceneRun, Times, Verdict, effects, verdict_table};
 use super::pictures::Painter;
 use super::shots::Shots;
-use super::{Table, lattice, skin};
+use super::{Table, lattice, measured, skin};
 use pliant::format::number;
 use pliant::io::file_name;
 use pliant::mesh::measures::median;
@@ -256,14 +256,19 @@ pub fn perform<'a>(
     let mut steps = Steps {
         frames: Frames::of(scenario, folder, options),
         times_s: Vec::new(),
+        measures: Vec::new(),
     };
     let ended = run(scenario, &mut [&mut steps], progress);
-    let Steps { frames, times_s } = steps;
+    let Steps {
+        frames,
+        times_s,
+        measures,
+    } = steps;
     let scenario: &'a dyn Scenario = scenario;
     let mut own = match scenario.kind() {
         ScenarioKind::Skin(run) => skin::output(run)?,
         ScenarioKind::Lattice(run) => lattice::output(run),
-        ScenarioKind::Muscles(_) | ScenarioKind::Other => RunOutput::default(),
+        _ => measured::output(scenario, measures),
     };
     own.scene = Some(SceneRun {
         // An incomplete run has not come to rest at its end.
@@ -283,15 +288,19 @@ struct Steps {
     frames: Frames,
     /// Wall time of each frame [s].
     times_s: Vec<f64>,
+    /// The measures of each frame.
+    measures: Vec<measured::Frame>,
 }
 
 impl Observer<dyn Scenario + '_> for Steps {
     fn start(&mut self, scenario: &(dyn Scenario + '_)) -> ControlFlow<()> {
+        self.measures.push(scenario.measures());
         end_unless(self.frames.add(scenario.state(), scenario.severity()))
     }
 
     fn frame(&mut self, scenario: &(dyn Scenario + '_), took: Duration) -> ControlFlow<()> {
         self.times_s.push(took.as_secs_f64());
+        self.measures.push(scenario.measures());
         end_unless(self.frames.add(scenario.state(), scenario.severity()))
     }
 }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::findings::{Measure, OF_LATTICES, OF_MUSCLES, OF_SKIN};
 use super::key::{Contents, key_of, name_of};
 use pliant::format::number;
 use pliant::scene::{
-    Combine, Content, Effects, Material, Scene, SceneError, Solver, StudyChange, StudyFile,
+    Combine, Content, Effects, Material, Measure, OF_MUSCLES, Scene, SceneError, Solver,
+    StudyChange, StudyFile,
 };
 use pliant::simulation::{Assets, LoadError, Plan, Scenario, Simulation, scenario};
 
@@ -112,9 +112,8 @@ impl Combination {
     /// The measures of its runs.
     pub fn measures(&self) -> &'static [Measure] {
         match &self.subject {
-            Subject::Muscles { .. } | Subject::Other(Content::Muscles(_), _) => &OF_MUSCLES,
-            Subject::Other(Content::Skin(_), _) => &OF_SKIN,
-            Subject::Other(Content::Lattice(_), _) => &OF_LATTICES,
+            Subject::Muscles { .. } => OF_MUSCLES,
+            Subject::Other(content, _) => content.measures(),
         }
     }
 }

@@ -13,66 +13,12 @@ use crate::report::folder::{Folder, FolderError};
 use crate::report::output::{DataFile, Picture, RunOutput};
 use pliant::accuracy::FrameDistance;
 use pliant::format::number;
-
-/// A measure: name, header in tables, and factor to the unit there.
-pub type Measure = (&'static str, &'static str, f64);
-
-/// Measures of scenes of muscles; the greatest over several muscles.
-pub const OF_MUSCLES: [Measure; 8] = [
-    ("time_s", "time [s]", 1.0),
-    ("volume_error", "volume error", 1.0),
-    ("penetration_m", "depth in bones [mm]", 1e3),
-    ("edge_stretch_rms_end", "edge stretch rms, end [%]", 100.0),
-    (
-        "edge_stretch_rms_worst",
-        "edge stretch rms, worst [%]",
-        100.0,
-    ),
-    (
-        "distance_from_start_rms_m",
-        "distance to start, end [mm]",
-        1e3,
-    ),
-    ("residual_m", "residual [mm]", 1e3),
-    ("error_estimate_m", "error estimate [mm]", 1e3),
-];
-
-/// Measures of scenes of skin, for all implants together, in the last frame.
-pub const OF_SKIN: [Measure; 13] = [
-    ("time_s", "time [s]", 1.0),
-    ("implant_volume_m3", "volume [cc]", 1e6),
-    ("area_before_m2", "area before [cm2]", 1e4),
-    ("area_deformed_m2", "deformed [cm2]", 1e4),
-    ("area_gain_m2", "gain [cm2]", 1e4),
-    ("area_retracted_low_m2", "retracted, least [cm2]", 1e4),
-    ("area_retracted_high_m2", "retracted, most [cm2]", 1e4),
-    ("area_grown_low_m2", "grown, least [cm2]", 1e4),
-    ("area_grown_high_m2", "grown, most [cm2]", 1e4),
-    ("volume_difference_m3", "volume difference [cc]", 1e6),
-    ("stretch_max", "greatest stretch", 1.0),
-    ("pressure_pa", "pressure [kPa]", 1e-3),
-    ("penetration_m", "depth in each other [mm]", 1e3),
-];
-
-/// Measures of scenes of a lattice.
-pub const OF_LATTICES: [Measure; 3] = [
-    ("time_s", "time [s]", 1.0),
-    (
-        "distance_from_start_max_m",
-        "distance to start, greatest [mm]",
-        1e3,
-    ),
-    (
-        "distance_from_start_end_m",
-        "distance to start, end [mm]",
-        1e3,
-    ),
-];
+use pliant::scene::{Content, Measure};
 
 /// The names of all measures of any scene.
 pub fn names() -> Vec<&'static str> {
     let mut all: Vec<&str> = Vec::new();
-    for (name, ..) in OF_MUSCLES.iter().chain(&OF_SKIN).chain(&OF_LATTICES) {
+    for (name, ..) in Content::all_measures() {
         if !all.contains(name) {
             all.push(name);
         }

@@ -60,11 +60,7 @@ fn key_with(
         key.push_str(&text_of("file", *path));
         key.push_str(&format!("{hash:032x}\n"));
     }
-    key.push_str(&match content {
-        Content::Muscles(scene) => text_of("muscles", &**scene),
-        Content::Skin(scene) => text_of("skin", &**scene),
-        Content::Lattice(scene) => text_of("lattice", &**scene),
-    });
+    key.push_str(&text_of(content.kind(), content));
     key
 }
 
@@ -80,7 +76,7 @@ fn files(content: &Content) -> Vec<&PathBuf> {
                 .chain(scene.obstacles.iter().map(|o| &o.surface))
                 .collect()
         }
-        Content::Lattice(_) => Vec::new(),
+        _ => Vec::new(),
     };
     sources.into_iter().filter_map(path_of).collect()
 }

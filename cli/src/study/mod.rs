@@ -13,6 +13,6 @@ pub mod running;
 pub mod sheet;
 
 pub use combinations::{Combination, Combinations, Role, Subject};
-pub use findings::{Findings, OF_LATTICES, OF_MUSCLES, OF_SKIN};
+pub use findings::Findings;
 pub use outcome::Outcome;
 pub use running::execute;

@@ -219,7 +219,7 @@ impl<S: Scenario + ?Sized> Observer<S> for Looks<'_> {
             ScenarioKind::Muscles(simulation) => {
                 simulation.bodies.iter().any(|b| b.stopped.is_some())
             }
-            ScenarioKind::Skin(_) | ScenarioKind::Lattice(_) | ScenarioKind::Other => false,
+            _ => false,
         };
         if !stopped && self.frames.contains(&scenario.frame()) {
             let x: Positions = scenario.bodies().into_iter().map(|(x, _)| x).collect();

@@ -73,7 +73,7 @@ impl Worker {
             };
             let batch: Vec<_> = first.into_iter().chain(commands.try_iter()).collect();
             if !batch.is_empty() {
-                self.obey_all(&batch);
+                self.apply_all(&batch);
                 publish(self.snapshot());
             }
             // Also after commands, so that a continuous motion of the pointer does not delay the
@@ -90,20 +90,20 @@ impl Worker {
         is_wanted && self.subject.wants_frames()
     }
 
-    fn obey_all(&mut self, batch: &[(u64, Command)]) {
+    fn apply_all(&mut self, batch: &[(u64, Command)]) {
         for (k, (number, command)) in batch.iter().enumerate() {
             // Only the last position of a slider or handle that moved during a frame counts.
             let next = batch.get(k + 1).map(|(_, next)| next);
             let is_overtaken = next.is_some_and(|next| overtakes(next, command));
             // Before the execution: a step must not take its own command for another one.
             self.answered = *number;
-            if !is_overtaken && let Err(refused) = self.obey(command) {
+            if !is_overtaken && let Err(refused) = self.apply(command) {
                 self.refused = Some((*number, refused.to_string()));
             }
         }
     }
 
-    fn obey(&mut self, command: &Command) -> Result<(), Refused> {
+    fn apply(&mut self, command: &Command) -> Result<(), Refused> {
         match command {
             Command::Pause => self.pace.running = false,
             Command::Run => {
@@ -137,7 +137,7 @@ impl Worker {
 
     fn pass_on(&mut self, command: &Command) -> Result<(), Refused> {
         let subject = &mut self.subject;
-        catch_unwind(AssertUnwindSafe(|| subject.obey(command)))
+        catch_unwind(AssertUnwindSafe(|| subject.apply(command)))
             .unwrap_or_else(|panic| Err(Refused::Panicked(words(&*panic))))
     }
 
@@ -167,13 +167,13 @@ impl Worker {
                 return;
             }
             // The frame restarts after the command.
-            Advanced::GivenUp => return,
+            Advanced::Interrupted => return,
             Advanced::Refused(why) => {
                 self.refused = Some((self.answered, why));
                 return;
             }
-            Advanced::Rests => self.pace.running = false,
-            Advanced::On => {}
+            Advanced::Finished => self.pace.running = false,
+            Advanced::Running => {}
         }
         let ended = Instant::now();
         self.frame_ms = (ended - begun).as_secs_f64() * 1e3;
