@@ -1,7 +1,7 @@
 //! Muscles among bones in a session: interactive changes between frames.
 
+mod accuracy_search;
 mod shots;
-mod wish;
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -15,11 +15,11 @@ use super::recipe::{Recipe, Refused, StartError, check_index, check_number, word
 use super::session::Command;
 use super::snapshot::{Shot, Stage, Steering};
 use super::subject::{Advanced, Subject, Watch};
+use accuracy_search::AccuracySearch;
 use pliant::accuracy::Chosen;
 use pliant::scene::{Key, Motion, Scene};
 use pliant::simulation::{Assets, Plan, Simulation};
 use shots::{angle, seconds};
-use wish::Wish;
 
 /// Greatest rotation of a bone by hand per frame [rad]: about three times the speed of the built-in
 /// hip. Bones that jump tear muscles.
@@ -29,7 +29,7 @@ pub const MOST_TURN: f64 = 0.03;
 const DRAG: f64 = 3.0;
 
 /// Time between two polls of an accuracy search.
-const PATIENCE: Duration = Duration::from_millis(50);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// A bone that is rotated by hand.
 #[derive(Clone, Copy, Debug)]
@@ -65,8 +65,8 @@ pub(super) struct Muscles {
     drags: Vec<Option<(u32, Point3<f64>, f64)>>,
     probe: Option<(usize, usize)>,
     /// The running accuracy search, and the result of the last one.
-    wish: Option<Wish>,
-    came_of_it: String,
+    search: Option<AccuracySearch>,
+    search_result: String,
     /// Time of each effect up to the last frame [s], and in that frame [ms].
     clock: BTreeMap<&'static str, f64>,
     effects: Vec<(&'static str, f64)>,
@@ -88,8 +88,8 @@ impl Muscles {
             fixed: vec![Vec::new(); scene.muscles.len()],
             drags: vec![None; scene.muscles.len()],
             probe: None,
-            wish: None,
-            came_of_it: String::new(),
+            search: None,
+            search_result: String::new(),
             stage: Arc::new(shots::stage(&simulation)),
             controls: Arc::new(panel::controls(&scene, &scene)),
             start: scene.clone(),
@@ -115,7 +115,7 @@ impl Muscles {
 
     fn reset(&mut self) -> Result<(), Refused> {
         let none = vec![Vec::new(); self.fixed.len()];
-        self.simulation = self.made(&self.scene, &none, false)?;
+        self.simulation = self.simulation_of(&self.scene, &none, false)?;
         self.fixed = none;
         self.drags.fill(None);
         self.hands.fill(None);
@@ -129,20 +129,20 @@ impl Muscles {
         self.clock = seconds(&self.simulation);
     }
 
-    /// A simulation of a scene with the present meshes, at its start; with `goes_on` the muscles
+    /// A simulation of a scene with the present meshes, at its start; with `keeps_rest` the muscles
     /// keep their rest shapes.
-    fn made(
+    fn simulation_of(
         &self,
         scene: &Scene,
         fixed: &[Vec<u32>],
-        goes_on: bool,
+        keeps_rest: bool,
     ) -> Result<Simulation, Refused> {
         let mut plan = Plan::new(scene, &self.assets);
         plan.muscles
             .iter_mut()
             .zip(fixed)
             .for_each(|(plan, fixed)| plan.fixed.clone_from(fixed));
-        if goes_on {
+        if keeps_rest {
             let rests = self
                 .simulation
                 .bodies
@@ -159,16 +159,16 @@ impl Muscles {
     /// Continues with other numbers; a requested accuracy starts a search.
     fn change(&mut self, path: &str, recipe: Recipe) -> Result<(), Refused> {
         let scene = recipe.checked(path, &self.scene, &self.assets)?;
-        let wish = match (path, scene.accuracy) {
+        let search = match (path, scene.accuracy) {
             (ACCURACY, Some(accuracy)) => Some(
-                Wish::new(&scene, &self.assets, accuracy)
+                AccuracySearch::new(&scene, &self.assets, accuracy)
                     .map_err(|_| Refused::NotHere(NO_THREAD))?,
             ),
             _ => None,
         };
-        self.go_on_as(&scene, self.fixed.clone())?;
+        self.continue_as(&scene, self.fixed.clone())?;
         if path == ACCURACY {
-            (self.wish, self.came_of_it) = (wish, String::new());
+            (self.search, self.search_result) = (search, String::new());
         }
         self.controls = Arc::new(panel::controls(&self.start, &scene));
         (self.recipe, self.scene) = (recipe, Arc::new(scene));
@@ -176,14 +176,14 @@ impl Muscles {
     }
 
     /// Applies the result of an accuracy search.
-    fn grant(&mut self, found: Result<Chosen, String>) {
-        self.wish = None;
-        self.came_of_it = match found {
+    fn finish_search(&mut self, found: Result<Chosen, String>) {
+        self.search = None;
+        self.search_result = match found {
             Err(why) => format!("no setting was chosen: {why}"),
             Ok(chosen) => {
                 let with =
                     |recipe: Recipe, (path, value): &(String, String)| recipe.with(path, value);
-                let recipe = wish::changes(&chosen)
+                let recipe = accuracy_search::changes(&chosen)
                     .iter()
                     .fold(self.recipe.clone(), with);
                 match self.change("solver", recipe) {
@@ -197,11 +197,11 @@ impl Muscles {
     /// Continues with other fixed vertices.
     fn hold(&mut self, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
         let scene = self.scene.clone();
-        self.go_on_as(&scene, fixed)
+        self.continue_as(&scene, fixed)
     }
 
-    fn go_on_as(&mut self, scene: &Scene, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
-        let mut simulation = self.made(scene, &fixed, true)?;
+    fn continue_as(&mut self, scene: &Scene, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
+        let mut simulation = self.simulation_of(scene, &fixed, true)?;
         for (bone, steering) in self.steering.iter().enumerate() {
             if *steering != Steering::Motion {
                 let pose = self.simulation.pose(bone, self.simulation.frame() as f64);
@@ -357,14 +357,14 @@ impl Subject for Muscles {
     }
 
     fn wants_frames(&self) -> bool {
-        self.wish.is_some()
+        self.search.is_some()
     }
 
     fn advance(&mut self, _: Watch<'_>) -> Advanced {
         // The search measures times: nothing else runs.
-        if let Some(wish) = &self.wish {
-            if let Some(found) = wish.wait(PATIENCE) {
-                self.grant(found);
+        if let Some(search) = &self.search {
+            if let Some(found) = search.wait(POLL_INTERVAL) {
+                self.finish_search(found);
             }
             return Advanced::Interrupted;
         }

@@ -7,7 +7,7 @@
 //! and speed are those of the files: no file of `pliant run` contains the depth of a vertex.
 
 mod files;
-mod told;
+mod run_metadata;
 mod timeline;
 
 use std::collections::BTreeMap;
@@ -25,8 +25,8 @@ use super::subject::{Advanced, Subject, Watch};
 use files::{Deformed, Files, Origin, Shown, is_rigid, plain_name};
 use pliant::io::{LIST, ReadError, file_name, pvd};
 use pliant::mesh::measures::max_or_nan;
+use run_metadata::{Kind, RunMetadata};
 use timeline::{Timeline, USUAL_RATE};
-use told::{Kind, Told};
 
 /// Greatest size of the cache of frames [bytes].
 const ROOM: usize = 256 << 20;
@@ -99,7 +99,7 @@ type Scenery = Vec<(usize, Arc<Shown>)>;
 pub struct Replay {
     timeline: Timeline,
     files: Files,
-    told: Told,
+    metadata: RunMetadata,
     rate: f64,
     /// Index of the displayed moment, and its contents.
     at: usize,
@@ -125,16 +125,16 @@ impl Replay {
         let timeline = Timeline::of(&collection);
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let (rate, is_own) = timeline.rate();
-        let mut told = Told::read(&folder);
+        let mut metadata = RunMetadata::read(&folder);
         if !is_own && timeline.moments.len() > 1 {
-            told.notes.push(format!(
+            metadata.notes.push(format!(
                 "the times of the frames make no film; {USUAL_RATE} frames a second are shown"
             ));
         }
         let mut replay = Self {
             files: Files::new(folder, timeline.parts.len(), ROOM),
             timeline,
-            told,
+            metadata,
             rate,
             at: 0,
             now: Vec::new(),
@@ -254,7 +254,7 @@ impl Replay {
     }
 
     fn tissue(&self, name: &str, origin: Origin) -> Tissue {
-        match (&self.told.kind, origin) {
+        match (&self.metadata.kind, origin) {
             _ if is_rigid(name) => Tissue::Bone,
             (Kind::Skin(skin), Origin::Scene) if file_name(skin) == name => Tissue::Skin,
             (Kind::Skin(_), Origin::Scene) => Tissue::Implant,
@@ -273,7 +273,7 @@ impl Replay {
     /// Volume error, stretch and depth, with the names and units of running muscles.
     fn readings(&self) -> Vec<Reading> {
         let measured = self
-            .told
+            .metadata
             .frames
             .get(&self.frame())
             .map(Vec::as_slice)
@@ -289,7 +289,7 @@ impl Replay {
         };
         let stretch = |body: &Deformed| 100.0 * max_or_nan(body.stretch.iter().copied());
         for m in measured {
-            let of = self.told.bodies[m.body].as_str();
+            let of = self.metadata.bodies[m.body].as_str();
             if let Some(error) = m.volume_error {
                 add("Volume error", of, "", error.abs());
             }
@@ -303,7 +303,7 @@ impl Replay {
         let is_told = |name: &str| {
             measured
                 .iter()
-                .any(|m| file_name(&self.told.bodies[m.body]) == name)
+                .any(|m| file_name(&self.metadata.bodies[m.body]) == name)
         };
         for (name, body) in self.stretched().filter(|(name, _)| !is_told(name)) {
             add("Greatest stretch", name, "%", stretch(body));
@@ -334,7 +334,7 @@ impl Replay {
     }
 
     fn notes(&self) -> Vec<String> {
-        let mut notes = self.told.notes.clone();
+        let mut notes = self.metadata.notes.clone();
         let each = self.damaged.iter().take(TOLD_ONE_BY_ONE);
         notes.extend(
             each.map(|(k, why)| format!("frame {}: {why}", self.timeline.moments[*k].frame)),
@@ -434,7 +434,7 @@ impl Subject for Replay {
 
     fn shot(&mut self) -> Shot {
         let measured = self
-            .told
+            .metadata
             .frames
             .get(&self.frame())
             .map(Vec::as_slice)
@@ -442,7 +442,7 @@ impl Subject for Replay {
         let volume_error = |name: &str| {
             let of = measured
                 .iter()
-                .find(|m| file_name(&self.told.bodies[m.body]) == name);
+                .find(|m| file_name(&self.metadata.bodies[m.body]) == name);
             of.and_then(|m| m.volume_error).unwrap_or(0.0)
         };
         let body = |(name, body): (&str, &Deformed)| BodyShot {

@@ -21,7 +21,7 @@ use pliant::mesh::{SurfaceTree, TriangleMesh};
 use pliant::scene::{Content, ImplantFill, SkinScene, Support};
 use pliant::simulation::{LoadError, SkinRun, Stepped};
 use pliant::skin::{ImplantPlace, frame};
-use shots::Spot;
+use shots::PickedPoint;
 
 /// Equilibria have no frame rate; they follow one another at this rate [1/s].
 const RATE: f64 = 4.0;
@@ -49,7 +49,7 @@ pub(super) struct Skin {
     ranges: controls::Ranges,
     springs: Vec<pliant::constraints::Distance>,
     /// Position of each implant on the whole skin, and its undeformed shell [m].
-    spots: Vec<Spot>,
+    points: Vec<PickedPoint>,
     domes: Vec<TriangleMesh>,
     probe: Option<(usize, usize)>,
 }
@@ -82,19 +82,19 @@ impl Skin {
             controls: Arc::default(),
             ranges,
             springs: Vec::new(),
-            spots: Vec::new(),
+            points: Vec::new(),
             domes: Vec::new(),
             probe: None,
         };
-        skin.look();
+        skin.describe();
         Ok(skin)
     }
 
     /// Updates the displayed data of a new run.
-    fn look(&mut self) {
+    fn describe(&mut self) {
         (self.stage, self.springs) = shots::stage(&self.run);
-        self.spots = shots::spots(&self.run);
-        self.controls = Arc::new(self.ranges.controls(&self.run, &self.spots));
+        self.points = shots::points(&self.run);
+        self.controls = Arc::new(self.ranges.controls(&self.run, &self.points));
         self.domes = shots::domes(&self.run, self.reached);
         let counts: Vec<usize> = self.seen().0.iter().map(Vec::len).collect();
         self.probe = self
@@ -106,7 +106,7 @@ impl Skin {
     fn take(&mut self, recipe: Recipe, run: SkinRun) {
         self.reached = self.reached.max(self.run.frame());
         (self.recipe, self.run, self.moving) = (recipe, run, None);
-        self.look();
+        self.describe();
     }
 
     /// The recipe with all pending changes.
@@ -127,9 +127,9 @@ impl Skin {
         let Some(implant) = controls::turned(path) else {
             return self.change(self.wanted().with(path, value));
         };
-        check_index("implant", implant, self.spots.len())?;
+        check_index("implant", implant, self.points.len())?;
         let degrees = controls::degrees(path, value)?;
-        let long = self.spots[implant].along(degrees.to_radians());
+        let long = self.points[implant].along(degrees.to_radians());
         let parts = [long.x, long.y, long.z].map(|c| c.to_string()).join(", ");
         self.change(
             self.wanted()
@@ -153,14 +153,14 @@ impl Skin {
     fn reset(&mut self) -> Result<(), Refused> {
         self.change(self.wanted().clone())?;
         self.reached = 0;
-        self.look();
+        self.describe();
         Ok(())
     }
 
     /// Displays an implant at the point of the skin nearest to `to`; [`Subject::advance`] prepares
     /// it.
     fn move_implant(&mut self, implant: usize, to: &Point3<f64>) -> Result<(), Refused> {
-        check_index("implant", implant, self.spots.len())?;
+        check_index("implant", implant, self.points.len())?;
         to.iter()
             .try_for_each(|c| check_number("a coordinate of the place to move to", *c, false))?;
         let shown = self.seen().0.swap_remove(0);
@@ -172,8 +172,8 @@ impl Skin {
             ));
         };
         // The point of the skin at rest at that position.
-        let spot = Spot::new(&shown, &skin.triangles, found.triangle, &found.point);
-        let at = spot.at(&skin.vertices);
+        let point = PickedPoint::new(&shown, &skin.triangles, found.triangle, &found.point);
+        let at = point.at(&skin.vertices);
         let parts = [at.x, at.y, at.z].map(|c| format!("\"{c} m\"")).join(", ");
         let mut recipe = self.wanted().clone();
         let order = &implants(&self.run.scene)[implant].order;
@@ -187,8 +187,8 @@ impl Skin {
             self.domes = shots::domes(&self.run, self.reached);
         }
         // The undeformed shape in the frame of the new place.
-        let normal = spot.normal(&skin.vertices);
-        let turn = frame(&at, &normal, order.long.as_ref()) * self.spots[implant].frame.inverse();
+        let normal = point.normal(&skin.vertices);
+        let turn = frame(&at, &normal, order.long.as_ref()) * self.points[implant].frame.inverse();
         let shell = self.domes[implant]
             .vertices
             .iter()

@@ -68,7 +68,7 @@ impl Muscles {
                 .notes
                 .iter()
                 .cloned()
-                .chain(self.said())
+                .chain(self.search_note())
                 .collect(),
         }
     }
@@ -114,10 +114,10 @@ impl Muscles {
     }
 
     /// The message about the requested accuracy.
-    fn said(&self) -> Option<String> {
-        match &self.wish {
-            Some(wish) => Some(format!("choosing solver and settings, {}", wish.part())),
-            None => (!self.came_of_it.is_empty()).then(|| self.came_of_it.clone()),
+    fn search_note(&self) -> Option<String> {
+        match &self.search {
+            Some(search) => Some(format!("choosing solver and settings, {}", search.part())),
+            None => (!self.search_result.is_empty()).then(|| self.search_result.clone()),
         }
     }
 

@@ -1,7 +1,7 @@
 //! The controls of skin and implants.
 
 use super::implants;
-use super::shots::Spot;
+use super::shots::PickedPoint;
 use crate::panel::{Control, Kind, List, Shown, Target, Value};
 use crate::recipe::Refused;
 use pliant::scene::units::{Dimension, parse};
@@ -48,7 +48,7 @@ impl Ranges {
     }
 
     /// The controls of a run.
-    pub fn controls(&self, run: &SkinRun, spots: &[Spot]) -> Vec<Control> {
+    pub fn controls(&self, run: &SkinRun, points: &[PickedPoint]) -> Vec<Control> {
         let mut list = List::default();
         for (k, filled) in implants(&run.scene).iter().enumerate() {
             let group = format!("implant {}", filled.name);
@@ -75,13 +75,13 @@ impl Ranges {
             );
             let shown = Shown::about("cm", 1e2 * began.implant.base, 2.0, 20.0);
             list.slider(&group, "base", path("base"), 1e2 * implant.base, shown);
-            if let Some(spot) = spots.get(k).filter(|_| implant.shape != BaseShape::Round) {
+            if let Some(point) = points.get(k).filter(|_| implant.shape != BaseShape::Round) {
                 let shown = Shown::even("deg", -180.0, 180.0);
                 list.slider(
                     &group,
                     "turn",
                     path("turn"),
-                    spot.angle().to_degrees(),
+                    point.angle().to_degrees(),
                     shown,
                 );
             }

@@ -20,14 +20,14 @@ const BALL: u32 = 3;
 
 /// A point on a triangle of the skin, and the frame of an implant there.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Spot {
+pub(super) struct PickedPoint {
     corners: [u32; 3],
     weights: [f64; 3],
     /// Frame with z out of the body.
     pub frame: Isometry3<f64>,
 }
 
-impl Spot {
+impl PickedPoint {
     /// Creates a point on a triangle.
     pub fn new(x: &[Point3<f64>], triangles: &[[u32; 3]], triangle: u32, p: &Point3<f64>) -> Self {
         let corners = triangles[triangle as usize];
@@ -95,16 +95,16 @@ fn places(run: &SkinRun) -> Vec<(&SkinPart, usize)> {
 }
 
 /// The point of each implant on the whole skin.
-pub(super) fn spots(run: &SkinRun) -> Vec<Spot> {
+pub(super) fn points(run: &SkinRun) -> Vec<PickedPoint> {
     let skin = &run.whole;
     let tree = pliant::mesh::SurfaceTree::new(&skin.vertices, &skin.triangles);
-    let spot = |(part, s): (&SkinPart, usize)| {
+    let point = |(part, s): (&SkinPart, usize)| {
         let (_, frame) = part.ready.sites().nth(s)?;
         let middle = Point3::from(frame.translation.vector);
         let found = tree.closest(&middle, f64::INFINITY)?;
-        Some(Spot {
+        Some(PickedPoint {
             frame: *frame,
-            ..Spot::new(
+            ..PickedPoint::new(
                 &skin.vertices,
                 &skin.triangles,
                 found.triangle,
@@ -112,7 +112,7 @@ pub(super) fn spots(run: &SkinRun) -> Vec<Spot> {
             )
         })
     };
-    places(run).into_iter().filter_map(spot).collect()
+    places(run).into_iter().filter_map(point).collect()
 }
 
 /// The undeformed shell of each implant with the volume of a frame; in frame 0 the initial one.
@@ -227,11 +227,11 @@ impl Skin {
             })
             .collect();
         bodies[0].stretch = strain_at_vertices(&self.springs, &bodies[0].positions);
-        let handle = |(k, spot): (usize, &Spot)| Handle {
+        let handle = |(k, point): (usize, &PickedPoint)| Handle {
             name: run.name_of(k).to_owned(),
             at: match &self.moving {
                 Some(moving) if moving.implant == k => moving.at,
-                _ => spot.at(&bodies[0].positions),
+                _ => point.at(&bodies[0].positions),
             },
         };
         let still = |pose| BoneShot {
@@ -263,7 +263,7 @@ impl Skin {
             scene: None,
             controls: self.controls.clone(),
             bones,
-            handles: self.spots.iter().enumerate().map(handle).collect(),
+            handles: self.points.iter().enumerate().map(handle).collect(),
             readings: self.readings(frame),
             probe: self
                 .probe

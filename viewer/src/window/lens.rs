@@ -4,7 +4,7 @@ use kiss3d::glamx::Mat4;
 use kiss3d::prelude::{Camera3d, Canvas, Pose3, Vec3, WindowEvent};
 use nalgebra::Matrix4;
 
-use super::drawn::pose;
+use super::scene_nodes::pose;
 use crate::camera::Camera;
 
 /// A camera whose picture fills the left part of a window; the panel is on the right.

@@ -1,8 +1,8 @@
 //! The window of the viewer: displays a session and passes the user's actions to it.
 
 mod capture;
-mod drawn;
-mod hand;
+mod scene_nodes;
+mod pointer;
 mod lens;
 mod panel;
 mod plots;
@@ -24,11 +24,11 @@ use super::history::History;
 use super::recipe::StartError;
 use super::snapshot::{Shot, Snapshot};
 use capture::Capture;
-use drawn::{Drawn, Look};
-use hand::{Hand, Wish};
 use lens::Lens;
 use panel::{Asked, Panel};
 use pliant::mesh::measures::Aabb;
+use pointer::{Pointer, Request};
+use scene_nodes::{SceneNodes, ViewSettings};
 use trace::{Trace, Widgets};
 
 /// Least width of the panel [points].
@@ -187,7 +187,7 @@ async fn shown(
     options: &Options,
     trace: Option<Trace>,
 ) -> Result<Option<String>, WindowError> {
-    window.set_background_color(drawn::ink(BACKGROUND, 1.0));
+    window.set_background_color(scene_nodes::ink(BACKGROUND, 1.0));
     window.set_ambient(0.45);
     // Colours represent numbers: only the shading may change them.
     window.set_tonemap(Tonemap::None);
@@ -206,8 +206,8 @@ async fn shown(
         window: (f64::from(size.x), f64::from(size.y)),
         panel: 0.0,
     };
-    let mut drawn = Drawn::new();
-    drawn.rehearse();
+    let mut nodes = SceneNodes::new();
+    nodes.rehearse();
     let by_processor = is_drawn_by_processor();
     window.set_samples(if by_processor {
         NumSamples::One
@@ -215,9 +215,9 @@ async fn shown(
         NumSamples::Four
     });
     while !starting.is_finished() {
-        Drawn::rehearse_lines(&mut window);
+        SceneNodes::rehearse_lines(&mut window);
         window.draw_ui(|ctx| reading(ctx, &options.name));
-        if !window.render_3d(drawn.root(), &mut lens).await {
+        if !window.render_3d(nodes.root(), &mut lens).await {
             // Closed before the first picture: the thread ends with the process.
             return Ok(None);
         }
@@ -228,7 +228,7 @@ async fn shown(
         Ok(session) => session,
         Err(error) => {
             // The library panics if a window closes before its first picture.
-            window.render_3d(drawn.root(), &mut lens).await;
+            window.render_3d(nodes.root(), &mut lens).await;
             return Err(error);
         }
     };
@@ -239,15 +239,15 @@ async fn shown(
         options,
         session,
         lens,
-        drawn,
-        look: Look::default(),
+        nodes,
+        settings: ViewSettings::default(),
         colouring: Colouring::new(Field::Stretch),
         history: if options.replayed {
             History::of_finished_run()
         } else {
             History::default()
         },
-        hand: Hand::default(),
+        pointer: Pointer::default(),
         state: panel::State::default(),
         has_panel: true,
         panel_width: PANEL,
@@ -331,11 +331,11 @@ struct Viewer<'a> {
     options: &'a Options,
     session: Session,
     lens: Lens,
-    drawn: Drawn,
-    look: Look,
+    nodes: SceneNodes,
+    settings: ViewSettings,
     colouring: Colouring,
     history: History,
-    hand: Hand,
+    pointer: Pointer,
     state: panel::State,
     has_panel: bool,
     /// Width required by the widgets [points].
@@ -395,16 +395,16 @@ impl Viewer<'_> {
         } else {
             NumSamples::One
         });
-        self.drawn
+        self.nodes
             .update(&shot, shot.serial, &self.colouring, afresh);
-        self.drawn.dress(
-            &self.look,
+        self.nodes.update(
+            &self.settings,
             &shot,
             &self.colouring,
             &self.lens.camera.rotation,
         );
-        self.drawn.overlay(window, &shot, &self.look);
-        let open = window.render_3d(self.drawn.root(), &mut self.lens).await;
+        self.nodes.overlay(window, &shot, &self.settings);
+        let open = window.render_3d(self.nodes.root(), &mut self.lens).await;
         let seen = (self.lens.window.0 - self.lens.panel).max(1.0) as usize;
         if let Some(said) = self.capture.rendered(window, seen) {
             self.state.message = said;
@@ -445,34 +445,36 @@ impl Viewer<'_> {
             let layer = widgets.layer_id_at(egui::pos2((x / scale) as f32, (y / scale) as f32));
             layer.is_some_and(|layer| layer.order != egui::Order::Background)
         };
-        let field = hand::Field {
+        let field = pointer::Field {
             width: self.lens.window.0 - self.lens.panel,
             height: self.lens.window.1,
         };
-        let mut wishes = Vec::new();
+        let mut requests = Vec::new();
         for event in window.events().iter() {
             self.heard = Instant::now();
             if typing && event.value.is_keyboard_event() {
                 continue;
             }
-            let (command, wish) =
-                self.hand
+            let (command, request) =
+                self.pointer
                     .take(&event.value, field, &mut self.lens.camera, shot, is_covered);
             if let Some(command) = command {
                 self.session.send(command);
             }
-            wishes.extend(wish);
+            requests.extend(request);
         }
-        if let Some(command) = self.hand.moved() {
+        if let Some(command) = self.pointer.moved() {
             self.session.send(command);
         }
-        wishes.into_iter().for_each(|wish| self.grant(wish, shot));
+        requests
+            .into_iter()
+            .for_each(|request| self.handle(request, shot));
     }
 
-    fn grant(&mut self, wish: Wish, shot: &Shot) {
+    fn handle(&mut self, request: Request, shot: &Shot) {
         let turn = |on: &mut bool| *on = !*on;
-        match wish {
-            Wish::NextField => {
+        match request {
+            Request::NextField => {
                 let there = |field: &Field| {
                     shot.bodies
                         .iter()
@@ -490,15 +492,15 @@ impl Viewer<'_> {
                     .find(|field| there(field));
                 self.colouring = Colouring::new(next.copied().unwrap_or(self.colouring.field));
             }
-            Wish::Wireframe => turn(&mut self.look.wireframe),
-            Wish::Fibres => turn(&mut self.look.fibres),
-            Wish::Attachments => turn(&mut self.look.attachments),
-            Wish::Contacts => turn(&mut self.look.contacts),
-            Wish::Panel => turn(&mut self.has_panel),
-            Wish::Help => turn(&mut self.state.help),
-            Wish::Picture => self.state.asked.push(Asked::Picture),
-            Wish::Record => self.state.asked.push(Asked::Record),
-            Wish::Close => self.closes = true,
+            Request::Wireframe => turn(&mut self.settings.wireframe),
+            Request::Fibres => turn(&mut self.settings.fibres),
+            Request::Attachments => turn(&mut self.settings.attachments),
+            Request::Contacts => turn(&mut self.settings.contacts),
+            Request::Panel => turn(&mut self.has_panel),
+            Request::Help => turn(&mut self.state.help),
+            Request::Picture => self.state.asked.push(Asked::Picture),
+            Request::Record => self.state.asked.push(Asked::Record),
+            Request::Close => self.closes = true,
         }
     }
 
@@ -518,7 +520,8 @@ impl Viewer<'_> {
         );
         let session = &self.session;
         let mut send = |command| session.send(command);
-        let (look, colouring, history) = (&mut self.look, &mut self.colouring, &self.history);
+        let (settings, colouring, history) =
+            (&mut self.settings, &mut self.colouring, &self.history);
         let (state, has_panel, replayed) = (&mut self.state, self.has_panel, self.options.replayed);
         let panel_width = &mut self.panel_width;
         window.draw_ui(|ctx| {
@@ -527,7 +530,7 @@ impl Viewer<'_> {
             let mut panel = Panel {
                 shot,
                 state,
-                look,
+                settings,
                 colouring,
                 history,
                 pictures,
@@ -540,7 +543,7 @@ impl Viewer<'_> {
                 *panel_width = beside(ctx, |ui| panel.show(ui));
             }
             if panel.tells() && !is_taking {
-                over(ctx, 0.4 * screen.width(), |ui| panel.told(ui));
+                over(ctx, 0.4 * screen.width(), |ui| panel.messages(ui));
             }
             let (colouring, has_help) = (&*panel.colouring, panel.state.help);
             let painter = ctx.layer_painter(egui::LayerId::background());
@@ -606,7 +609,7 @@ fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) -> f32 {
 
 /// A text box over the upper left of the scene.
 fn over(ctx: &egui::Context, width: f32, contents: impl FnOnce(&mut egui::Ui)) {
-    egui::Area::new(egui::Id::new("told"))
+    egui::Area::new(egui::Id::new("messages"))
         .fixed_pos(egui::pos2(12.0, 12.0))
         .show(ctx, |ui| {
             egui::Frame::popup(ui.style()).show(ui, |ui| {
@@ -623,7 +626,7 @@ fn keys(ctx: &egui::Context) {
         .show(ctx, |ui| {
             egui::Frame::popup(ui.style()).show(ui, |ui| {
                 egui::Grid::new("keys").show(ui, |ui| {
-                    for (keys, what) in hand::HELP {
+                    for (keys, what) in pointer::HELP {
                         ui.strong(keys);
                         ui.label(what);
                         ui.end_row();

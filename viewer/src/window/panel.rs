@@ -2,8 +2,8 @@
 
 use kiss3d::egui::{self, Color32, RichText, Slider, SliderClamping, Ui};
 
-use super::drawn::Look;
 use super::plots;
+use super::scene_nodes::ViewSettings;
 use super::trace::Widgets;
 use crate::colour::{Colouring, Field};
 use crate::history::History;
@@ -49,7 +49,7 @@ pub enum Asked {
 pub struct Panel<'a> {
     pub shot: &'a Snapshot,
     pub state: &'a mut State,
-    pub look: &'a mut Look,
+    pub settings: &'a mut ViewSettings,
     pub colouring: &'a mut Colouring,
     pub history: &'a History,
     /// Pictures per second.
@@ -79,7 +79,7 @@ impl Panel<'_> {
 
     /// Temporary information over the scene, so that the panel does not move: the selected vertex,
     /// notes and messages.
-    pub fn told(&mut self, ui: &mut Ui) {
+    pub fn messages(&mut self, ui: &mut Ui) {
         self.picked(ui);
         self.messages(ui);
     }
@@ -268,7 +268,7 @@ impl Panel<'_> {
             .find(|(known, ..)| *known == name)
             .map(|(.., value)| *value);
         let before = waiting.unwrap_or_else(|| control.now(self.shot));
-        let (response, after) = drawn(ui, control, before);
+        let (response, after) = widget(ui, control, before);
         self.widgets.control(&name, &response, control, before);
         if after == before {
             return;
@@ -324,27 +324,28 @@ impl Panel<'_> {
                         }
                     }
                 });
-                let mut look = self.look.clone();
+                let mut settings = self.settings.clone();
                 let stage = self.shot.stage.clone();
                 let has_bones = !stage.bones.is_empty()
                     || stage.bodies.iter().any(|body| body.tissue == Tissue::Bone);
                 if has_bones {
-                    let response = ui.add(Slider::new(&mut look.bones, 0.0..=1.0).text("bones"));
+                    let response =
+                        ui.add(Slider::new(&mut settings.bones, 0.0..=1.0).text("bones"));
                     self.widgets.seen("bones", &response);
                 }
                 if stage.bodies.iter().any(|body| body.tissue == Tissue::Skin) {
-                    let response = ui.add(Slider::new(&mut look.skin, 0.0..=1.0).text("skin"));
+                    let response = ui.add(Slider::new(&mut settings.skin, 0.0..=1.0).text("skin"));
                     self.widgets.seen("skin", &response);
                 }
                 ui.horizontal(|ui| {
-                    self.check(ui, "wire frame", &mut look.wireframe);
+                    self.check(ui, "wire frame", &mut settings.wireframe);
                     if stage.bodies.iter().any(|body| !body.fibres.is_empty()) {
-                        self.check(ui, "fibres", &mut look.fibres);
+                        self.check(ui, "fibres", &mut settings.fibres);
                     }
                 });
                 ui.horizontal(|ui| {
                     if stage.bodies.iter().any(|body| !body.held.is_empty()) {
-                        self.check(ui, "attachments", &mut look.attachments);
+                        self.check(ui, "attachments", &mut settings.attachments);
                     }
                     // Only scenes of muscles report contact.
                     if self
@@ -353,18 +354,19 @@ impl Panel<'_> {
                         .as_ref()
                         .is_some_and(|scene| scene.effects.contact.is_some())
                     {
-                        self.check(ui, "contacts", &mut look.contacts);
+                        self.check(ui, "contacts", &mut settings.contacts);
                     }
                 });
                 let pi = std::f64::consts::PI;
-                let response =
-                    ui.add(Slider::new(&mut look.light.0, -pi..=pi).text("light from the right"));
+                let response = ui
+                    .add(Slider::new(&mut settings.light.0, -pi..=pi).text("light from the right"));
                 self.widgets.seen("light from the right", &response);
                 let response = ui.add(
-                    Slider::new(&mut look.light.1, -0.5 * pi..=0.5 * pi).text("light from above"),
+                    Slider::new(&mut settings.light.1, -0.5 * pi..=0.5 * pi)
+                        .text("light from above"),
                 );
                 self.widgets.seen("light from above", &response);
-                *self.look = look;
+                *self.settings = settings;
             });
     }
 
@@ -439,7 +441,7 @@ impl Panel<'_> {
 }
 
 /// The widget of a control, and its value afterwards.
-fn drawn(ui: &mut Ui, control: &Control, value: Value) -> (egui::Response, Value) {
+fn widget(ui: &mut Ui, control: &Control, value: Value) -> (egui::Response, Value) {
     let label = match control.unit {
         "" => control.label.clone(),
         unit => format!("{} [{unit}]", control.label),

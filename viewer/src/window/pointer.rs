@@ -18,7 +18,7 @@ const KEY: f64 = 0.02;
 const NOTCH: f64 = 0.9;
 
 /// Scroll distance that the library reports for a wheel notch, and in pixels for a touch pad.
-const TOLD: f64 = 10.0;
+const SCROLL_PER_NOTCH: f64 = 10.0;
 
 /// Present action of the pointer.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +32,7 @@ enum Grip {
 
 /// Other requests by a key or a click.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wish {
+pub enum Request {
     /// Selects the next field for the colours.
     NextField,
     Wireframe,
@@ -65,7 +65,7 @@ impl Field {
 
 /// Mouse and keyboard state between two pictures.
 #[derive(Clone, Debug, Default)]
-pub struct Hand {
+pub struct Pointer {
     at: Point2<f64>,
     /// The same in window coordinates [px].
     pixel: Option<[f64; 2]>,
@@ -75,7 +75,7 @@ pub struct Hand {
     moved: Option<Command>,
 }
 
-impl Hand {
+impl Pointer {
     /// Handles an event. Returns its command to the session, and its request to the window.
     /// `is_covered` is true for a window position [px] with a widget.
     pub fn take(
@@ -85,7 +85,7 @@ impl Hand {
         camera: &mut Camera,
         shot: &Snapshot,
         is_covered: impl Fn(f64, f64) -> bool,
-    ) -> (Option<Command>, Option<Wish>) {
+    ) -> (Option<Command>, Option<Request>) {
         // Not the last pointer position known to the widgets: between two slow pictures the pointer
         // can move and click.
         let is_over_scene = self.pixel.is_some_and(|[x, y]| !is_covered(x, y));
@@ -170,7 +170,7 @@ impl Hand {
         button: MouseButton,
         camera: &Camera,
         shot: &Shot,
-    ) -> (Option<Command>, Option<Wish>) {
+    ) -> (Option<Command>, Option<Request>) {
         let Some((_, began)) = self.pressed.filter(|(pressed, _)| *pressed == button) else {
             return (None, None);
         };
@@ -206,8 +206,8 @@ fn angle(from: &Point2<f64>, to: &Point2<f64>) -> f64 {
     turn - 2.0 * std::f64::consts::PI * (turn / (2.0 * std::f64::consts::PI)).round()
 }
 
-fn scroll(told: f64, modifiers: Modifiers, camera: &mut Camera) {
-    let notches = told / TOLD;
+fn scroll(distance: f64, modifiers: Modifiers, camera: &mut Camera) {
+    let notches = distance / SCROLL_PER_NOTCH;
     if modifiers.contains(Modifiers::Control) {
         camera.pan(Vector2::new(KEY * notches, 0.0));
     } else if modifiers.contains(Modifiers::Shift) {
@@ -222,7 +222,7 @@ fn keyed(
     modifiers: Modifiers,
     camera: &mut Camera,
     shot: &Snapshot,
-) -> (Option<Command>, Option<Wish>) {
+) -> (Option<Command>, Option<Request>) {
     let arrow = match key {
         Key::Left => Some(Vector2::new(-KEY, 0.0)),
         Key::Right => Some(Vector2::new(KEY, 0.0)),
@@ -242,7 +242,7 @@ fn keyed(
         return (None, None);
     }
     let tells = |command| (Some(command), None);
-    let wishes = |wish| (None, Some(wish));
+    let requests = |request| (None, Some(request));
     match key {
         Key::Space => tells(if shot.running {
             Command::Pause
@@ -266,16 +266,16 @@ fn keyed(
             camera.zoom(1.0 / NOTCH);
             (None, None)
         }
-        Key::C => wishes(Wish::NextField),
-        Key::W => wishes(Wish::Wireframe),
-        Key::F => wishes(Wish::Fibres),
-        Key::A => wishes(Wish::Attachments),
-        Key::T => wishes(Wish::Contacts),
-        Key::P => wishes(Wish::Picture),
-        Key::G => wishes(Wish::Record),
-        Key::Tab => wishes(Wish::Panel),
-        Key::F1 => wishes(Wish::Help),
-        Key::Q => wishes(Wish::Close),
+        Key::C => requests(Request::NextField),
+        Key::W => requests(Request::Wireframe),
+        Key::F => requests(Request::Fibres),
+        Key::A => requests(Request::Attachments),
+        Key::T => requests(Request::Contacts),
+        Key::P => requests(Request::Picture),
+        Key::G => requests(Request::Record),
+        Key::Tab => requests(Request::Panel),
+        Key::F1 => requests(Request::Help),
+        Key::Q => requests(Request::Close),
         Key::Escape => tells(Command::Probe(None)),
         _ => (None, None),
     }
@@ -288,7 +288,7 @@ pub const HELP: [(&str, &str); 17] = [
     ("Ctrl + left drag", "roll"),
     ("wheel", "nearer, further (Ctrl, Shift: move)"),
     ("arrow keys", "turn finely (Shift: move, Ctrl: roll)"),
-    ("click", "look at a vertex"),
+    ("click", "select a vertex"),
     ("right drag", "pull a vertex, move a handle"),
     ("Space", "run, pause"),
     (". ,", "one frame on; back (finished runs)"),

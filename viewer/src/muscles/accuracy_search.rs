@@ -16,12 +16,12 @@ const BUDGET: Duration = Duration::from_secs(20);
 
 /// Progress of the study, readable and cancellable from outside.
 #[derive(Clone, Debug, Default)]
-struct Heard {
+struct SearchProgress {
     stop: Arc<AtomicBool>,
     part: Arc<Mutex<String>>,
 }
 
-impl Progress for Heard {
+impl Progress for SearchProgress {
     fn report(&self, stage: &str, _: usize, _: usize) -> ControlFlow<()> {
         if !stage.is_empty() {
             stage.clone_into(&mut self.part.lock().unwrap_or_else(PoisonError::into_inner));
@@ -35,35 +35,35 @@ impl Progress for Heard {
 
 /// A running study. Dropping it cancels it without waiting.
 #[derive(Debug)]
-pub(super) struct Wish {
-    heard: Heard,
+pub(super) struct AccuracySearch {
+    progress: SearchProgress,
     found: Receiver<Result<Chosen, String>>,
 }
 
-impl Wish {
+impl AccuracySearch {
     /// Starts the search.
     ///
     /// # Errors
     /// The system could not start a thread.
     pub(super) fn new(scene: &Scene, assets: &Assets, accuracy: Accuracy) -> std::io::Result<Self> {
-        let (scene, assets, heard) = (scene.clone(), assets.clone(), Heard::default());
-        let (tell, found) = channel();
-        let progress = heard.clone();
+        let (scene, assets) = (scene.clone(), assets.clone());
+        let progress = SearchProgress::default();
+        let (sender, found) = channel();
+        let shared = progress.clone();
         std::thread::Builder::new()
             .name("study".to_owned())
             .spawn(move || {
                 let threads = rayon::current_num_threads();
-                let chosen =
-                    accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &progress);
+                let chosen = accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &shared);
                 // The receiver may be gone.
-                let _ = tell.send(chosen.map_err(|error| error.to_string()));
+                let _ = sender.send(chosen.map_err(|error| error.to_string()));
             })?;
-        Ok(Self { heard, found })
+        Ok(Self { progress, found })
     }
 
     /// The present part of the study.
     pub(super) fn part(&self) -> String {
-        self.heard
+        self.progress
             .part
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -82,9 +82,9 @@ impl Wish {
     }
 }
 
-impl Drop for Wish {
+impl Drop for AccuracySearch {
     fn drop(&mut self) {
-        self.heard.stop.store(true, Ordering::Relaxed);
+        self.progress.stop.store(true, Ordering::Relaxed);
     }
 }
 

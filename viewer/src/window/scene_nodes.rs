@@ -27,7 +27,7 @@ const PICKED: Rgb = [0.95, 0.1, 0.1];
 
 /// Visible objects and their style.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Look {
+pub struct ViewSettings {
     /// Opacity of bones, 0 to 1.
     pub bones: f32,
     /// Opacity of skin and implants, 0 to 1.
@@ -44,7 +44,7 @@ pub struct Look {
     pub light: (f64, f64),
 }
 
-impl Default for Look {
+impl Default for ViewSettings {
     fn default() -> Self {
         let (bones, skin) = (0.45, 0.8);
         Self {
@@ -60,7 +60,7 @@ impl Default for Look {
 }
 
 /// The nodes of a stage.
-pub struct Drawn {
+pub struct SceneNodes {
     root: SceneNode3d,
     light: SceneNode3d,
     bodies: Vec<SceneNode3d>,
@@ -100,7 +100,7 @@ fn linear(c: f32) -> f32 {
     light as f32
 }
 
-impl Drawn {
+impl SceneNodes {
     /// An empty scene with a light.
     pub fn new() -> Self {
         let mut root = SceneNode3d::empty();
@@ -244,14 +244,14 @@ impl Drawn {
     }
 
     /// Sets colours, opacities and light.
-    pub fn dress(
+    pub fn update(
         &mut self,
-        look: &Look,
+        settings: &ViewSettings,
         shot: &Shot,
         colouring: &Colouring,
         rotation: &UnitQuaternion<f64>,
     ) {
-        let (right, up) = look.light;
+        let (right, up) = settings.light;
         let turn = UnitQuaternion::from_euler_angles(0.0, right, 0.0)
             * UnitQuaternion::from_euler_angles(-up, 0.0, 0.0);
         let from = rotation * (turn * Vector3::z());
@@ -268,10 +268,10 @@ impl Drawn {
             .zip(&shot.stage.bodies)
             .zip(&shot.bodies)
         {
-            let has_fibres = look.fibres && !stage.fibres.is_empty();
+            let has_fibres = settings.fibres && !stage.fibres.is_empty();
             let opacity = match stage.tissue {
-                Tissue::Skin => look.skin,
-                Tissue::Bone => look.bones,
+                Tissue::Skin => settings.skin,
+                Tissue::Bone => settings.bones,
                 _ if has_fibres => 0.75,
                 _ => 1.0,
             };
@@ -297,27 +297,27 @@ impl Drawn {
             } else {
                 AlphaMode::Opaque
             });
-            node.set_lines_width(if look.wireframe { 1.0 } else { 0.0 }, false);
+            node.set_lines_width(if settings.wireframe { 1.0 } else { 0.0 }, false);
             node.set_lines_color(Some(ink([0.05; 3], 1.0)));
         }
         for node in &mut self.bones {
-            node.set_color(ink(colour::BONE, look.bones));
-            node.set_alpha_mode(if look.bones < 1.0 {
+            node.set_color(ink(colour::BONE, settings.bones));
+            node.set_alpha_mode(if settings.bones < 1.0 {
                 AlphaMode::Blend
             } else {
                 AlphaMode::Opaque
             });
-            node.set_visible(look.bones > 0.0);
-            node.set_lines_width(if look.wireframe { 1.0 } else { 0.0 }, false);
+            node.set_visible(settings.bones > 0.0);
+            node.set_lines_width(if settings.wireframe { 1.0 } else { 0.0 }, false);
             node.set_lines_color(Some(ink([0.3; 3], 1.0)));
         }
     }
 
     /// Draws lines and points, which are new for each picture.
-    pub fn overlay(&self, window: &mut Window, shot: &Shot, look: &Look) {
+    pub fn overlay(&self, window: &mut Window, shot: &Shot, settings: &ViewSettings) {
         for (body, stage) in shot.bodies.iter().zip(&shot.stage.bodies) {
             let x = |v: &u32| body.positions.get(*v as usize).map(vec3);
-            if look.fibres {
+            if settings.fibres {
                 for line in stage.fibres.at(&body.positions) {
                     let line = Polyline3d::new(line.iter().map(vec3).collect());
                     window.draw_polyline(&line.with_color(ink(colour::FIBRE, 1.0)).with_width(1.0));
@@ -331,8 +331,8 @@ impl Drawn {
                 }
             }
             let sets: [(bool, &[u32], Rgb); 3] = [
-                (look.attachments, &stage.held, HELD),
-                (look.contacts, &body.touching, TOUCHING),
+                (settings.attachments, &stage.held, HELD),
+                (settings.contacts, &body.touching, TOUCHING),
                 (true, &body.fixed, FIXED),
             ];
             for (_, vertices, ink_of) in sets.into_iter().filter(|(shown, ..)| *shown) {

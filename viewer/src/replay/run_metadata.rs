@@ -28,7 +28,7 @@ pub(super) enum Kind {
 /// Measures of one body in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Measured {
-    /// Index of the body in [`Told::bodies`].
+    /// Index of the body in [`RunMetadata::bodies`].
     pub body: usize,
     /// Volume over its target, minus 1.
     pub volume_error: Option<f64>,
@@ -38,7 +38,7 @@ pub(super) struct Measured {
 
 /// Metadata of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Told {
+pub(super) struct RunMetadata {
     pub kind: Kind,
     /// Names of the bodies in the table.
     pub bodies: Vec<String>,
@@ -50,36 +50,37 @@ pub(super) struct Told {
     left_out: HashSet<(String, String)>,
 }
 
-impl Told {
+impl RunMetadata {
     /// Reads the metadata in a folder; a file that cannot be read gives a note.
     pub fn read(folder: &Path) -> Self {
-        let mut told = Self::default();
+        let mut metadata = Self::default();
         match contents(&folder.join("summary.json")) {
             Ok(Some(bytes)) => match serde_json::from_slice::<Value>(&bytes) {
-                Ok(summary) => told.take(&summary),
-                Err(error) => told
+                Ok(summary) => metadata.take(&summary),
+                Err(error) => metadata
                     .notes
                     .push(format!("summary.json: {error}; its notes are left out")),
             },
             Ok(None) => {}
-            Err(error) => told.notes.push(format!(
+            Err(error) => metadata.notes.push(format!(
                 "summary.json cannot be read: {error}; its notes are left out"
             )),
         }
         match contents(&folder.join("measures.csv")) {
             Ok(Some(bytes)) => {
-                if let Err(error) = told.take_measures(&bytes) {
-                    (told.bodies, told.frames) = Default::default();
-                    told.notes
+                if let Err(error) = metadata.take_measures(&bytes) {
+                    (metadata.bodies, metadata.frames) = Default::default();
+                    metadata
+                        .notes
                         .push(format!("measures.csv: {error}; its numbers are left out"));
                 }
             }
             Ok(None) => {}
-            Err(error) => told.notes.push(format!(
+            Err(error) => metadata.notes.push(format!(
                 "measures.csv cannot be read: {error}; its numbers are left out"
             )),
         }
-        told
+        metadata
     }
 
     fn take(&mut self, summary: &Value) {
@@ -198,25 +199,25 @@ fn contents(path: &Path) -> Result<Option<Vec<u8>>, String> {
 mod tests {
     use super::*;
 
-    fn measures(text: &str) -> (Told, Result<(), String>) {
-        let mut told = Told::default();
+    fn measures(text: &str) -> (RunMetadata, Result<(), String>) {
+        let mut metadata = RunMetadata::default();
         let effects =
             r#"{"effects": {"left_out": [{"part": "a,b", "effect": "volume"}, {"part": "c"}, 3]}}"#;
-        told.take(&serde_json::from_str(effects).unwrap_or_default());
-        let result = told.take_measures(text.as_bytes());
-        (told, result)
+        metadata.take(&serde_json::from_str(effects).unwrap_or_default());
+        let result = metadata.take_measures(text.as_bytes());
+        (metadata, result)
     }
 
     #[test]
     fn measures_are_found_by_frame_and_body() {
         let table = "frame,time_s,muscle,volume_error,penetration_m\n0,0,\"a,b\",0.0,1e-3\n0,0,c,1e-7,0\n7,1,c,-2e-7,0.5\n";
-        let (told, result) = measures(table);
+        let (metadata, result) = measures(table);
         assert_eq!(
-            (result, told.bodies.as_slice()),
+            (result, metadata.bodies.as_slice()),
             (Ok(()), &["a,b".to_owned(), "c".to_owned()][..])
         );
         assert_eq!(
-            told.frames[&7],
+            metadata.frames[&7],
             [Measured {
                 body: 1,
                 volume_error: Some(-2e-7),
@@ -224,7 +225,7 @@ mod tests {
             }]
         );
         assert_eq!(
-            told.frames[&0][0],
+            metadata.frames[&0][0],
             Measured {
                 body: 0,
                 volume_error: None,
@@ -234,9 +235,9 @@ mod tests {
         );
         // Other commands write other tables.
         for other in ["step,time_s\n1,2\n", "frame,moved_m\n1,2\n", ""] {
-            let (told, result) = measures(other);
+            let (metadata, result) = measures(other);
             assert_eq!(
-                (told.frames.len(), told.bodies.len(), result),
+                (metadata.frames.len(), metadata.bodies.len(), result),
                 (0, 0, Ok(())),
                 "{other}"
             );
@@ -269,9 +270,9 @@ mod tests {
     #[test]
     fn summaries_tell_what_was_run() {
         let of = |text: &str| {
-            let mut told = Told::default();
-            told.take(&serde_json::from_str(text).unwrap_or_default());
-            told
+            let mut metadata = RunMetadata::default();
+            metadata.take(&serde_json::from_str(text).unwrap_or_default());
+            metadata
         };
         assert_eq!(
             of(r#"{"skin": {"name": "sheet"}}"#).kind,
@@ -284,6 +285,6 @@ mod tests {
             interrupted.notes,
             ["the run was interrupted at frame 3 of 9", "n"]
         );
-        assert_eq!(of("[]"), Told::default());
+        assert_eq!(of("[]"), RunMetadata::default());
     }
 }
