@@ -43,6 +43,8 @@ const NOT_KEPT: &[&str] = &[
     "pliant-out/hip/hip.pvd",
     "src/constraints/NAME.rs",
     "src/io/NAME.rs",
+    "src/scene/content/NAME.rs",
+    "src/simulation/scenario/NAME.rs",
     "../shared/data",
 ];
 

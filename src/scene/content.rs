@@ -30,8 +30,8 @@ pub enum Content {
     Geometric(Box<GeometricScene>),
 }
 
-/// A measure: its name in [`Scenario::measures`](crate::simulation::Scenario::measures) and in a
-/// summary, its header in tables, and the factor to the unit there.
+/// A measure of a run: its name in the scenario and in a summary, its header in tables, and the
+/// factor to the unit there.
 pub type Measure = (&'static str, &'static str, f64);
 
 /// The fields that a scene of every kind has.

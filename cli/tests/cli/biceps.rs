@@ -126,7 +126,7 @@ fn every_command_takes_the_file_and_a_printed_scene_is_the_same_run() {
     let done = run(&["run", shown(&printed), "--out", shown(&again)]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     for frame in 0..=4 {
-        let name = format!("frames/muscle_{frame:06}.vtp");
+        let name = format!("frames/muscle_{frame:04}.vtp");
         let frame = |folder: &std::path::Path| fs::read(folder.join(&name)).expect("a frame");
         assert!(frame(&out) == frame(&again), "{name}");
     }

@@ -317,7 +317,7 @@ mod tests {
             },
             first
         );
-        let other = scene(FILE, &["radii.1=2.1"]).expect("a scene");
+        let other = scene(FILE, &["caps=in", "radii.1=2.1"]).expect("a scene");
         assert_ne!(other.shape, first.shape, "control");
     }
 

@@ -397,7 +397,7 @@ impl Viewer<'_> {
         });
         self.nodes
             .update(&shot, shot.serial, &self.colouring, afresh);
-        self.nodes.update(
+        self.nodes.style(
             &self.settings,
             &shot,
             &self.colouring,
@@ -543,7 +543,7 @@ impl Viewer<'_> {
                 *panel_width = beside(ctx, |ui| panel.show(ui));
             }
             if panel.tells() && !is_taking {
-                over(ctx, 0.4 * screen.width(), |ui| panel.messages(ui));
+                over(ctx, 0.4 * screen.width(), |ui| panel.overlay(ui));
             }
             let (colouring, has_help) = (&*panel.colouring, panel.state.help);
             let painter = ctx.layer_painter(egui::LayerId::background());

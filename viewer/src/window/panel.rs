@@ -79,7 +79,7 @@ impl Panel<'_> {
 
     /// Temporary information over the scene, so that the panel does not move: the selected vertex,
     /// notes and messages.
-    pub fn messages(&mut self, ui: &mut Ui) {
+    pub fn overlay(&mut self, ui: &mut Ui) {
         self.picked(ui);
         self.messages(ui);
     }

@@ -244,7 +244,7 @@ impl SceneNodes {
     }
 
     /// Sets colours, opacities and light.
-    pub fn update(
+    pub fn style(
         &mut self,
         settings: &ViewSettings,
         shot: &Shot,
