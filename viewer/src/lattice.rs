@@ -182,13 +182,13 @@ impl Kind for Lattice {
         if let Some((vertex, to)) = self.dragged {
             let point = run.point_of(vertex);
             let from = Point3::from(run.lattice.position(point));
-            let way = to - from;
-            let share = if way.norm() > most {
-                most / way.norm()
+            let offset = to - from;
+            let share = if offset.norm() > most {
+                most / offset.norm()
             } else {
                 1.0
             };
-            run.lattice.place(point, (from + way * share).into());
+            run.lattice.place(point, (from + offset * share).into());
         }
         let dragged = self.dragged.map(|(vertex, _)| vertex);
         for vertex in self.fixed.iter().copied().chain(dragged) {
