@@ -28,8 +28,10 @@ pub(crate) mod study;
 mod tree;
 pub mod units;
 
-pub use content::{FillCourse, ImplantFill, LatticeScene, Measure, SkinScene, SkinSurface, Support};
-pub use content::{OF_MUSCLES};
+pub use content::OF_MUSCLES;
+pub use content::{
+    FillCourse, ImplantFill, LatticeScene, Measure, SkinScene, SkinSurface, Support,
+};
 pub use effects::EFFECTS;
 pub use keys::{KeySpec, KeyValue, Slider};
 pub use solvers::SOLVERS;

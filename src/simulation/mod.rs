@@ -36,7 +36,11 @@ pub use fault::LoadError;
 pub use measures::Measures;
 pub use plan::Plan;
 pub use run::{Ended, Observer, run};
-pub use scenario::*;
+pub(crate) use scenario::BodyState;
+pub use scenario::{
+    BodyDescription, FrameState, GeometricRun, Scenario, ScenarioError, ScenarioKind,
+    SceneDescription, Stepped, scenario, scenario_with,
+};
 
 use crate::contact::broad_phase::BroadPhase;
 use crate::contact::capsule::Capsule;

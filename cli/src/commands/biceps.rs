@@ -3,14 +3,14 @@
 use std::time::Instant;
 
 use super::failure::Failure;
-use super::options::Output;
-use super::{DONE, environment, say};
+use super::options::{Output, PrintScene};
+use super::{DONE, environment};
 use crate::report::biceps::{self, Animation};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::output::RunOutput;
 use pliant::progress::Silent;
+use pliant::scene::Content;
 use pliant::scene::units::{Dimension, parse};
-use pliant::scene::{Content, GeometricScene};
 use pliant::simulation::{self, GeometricRun, Observer};
 
 /// Change the length of a muscle of frusta that keeps its volume
@@ -43,23 +43,20 @@ pub(super) struct Arguments {
     /// Number of pictures of the animation [default: the frames of the file, or 60]
     #[arg(long, value_name = "N", requires = "animate", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     frames: Option<u32>,
-    /// Print the scene file, and run nothing
-    #[arg(long)]
-    print_scene: bool,
+    #[command(flatten)]
+    print: PrintScene,
     #[command(flatten)]
     output: Output,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
-    let scene = scene(arguments)?;
-    if arguments.print_scene {
-        say(&scene.to_toml());
+    let mut run = made(arguments)?;
+    if arguments.print.is_given(&run.scene.to_toml()) {
         return Ok(DONE);
     }
-    let path = arguments.output.folder(&scene.name, "biceps");
+    let path = arguments.output.folder(&run.scene.name, "biceps");
     arguments.output.threads.start();
-    let mut run = GeometricRun::new(scene);
     let mut animation = arguments.animate.then(Animation::default);
     let mut observers: Vec<&mut dyn Observer<GeometricRun>> = Vec::new();
     if let Some(animation) = &mut animation {
@@ -74,8 +71,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.output.finish(&Folder::open(&path)?, output)
 }
 
-/// The scene of the options: one length, or the whole range.
-fn scene(arguments: &Arguments) -> Result<GeometricScene, Failure> {
+/// The scene of the options, ready to run: one length, or the whole range.
+fn made(arguments: &Arguments) -> Result<GeometricRun, Failure> {
     let mut changes = Vec::new();
     if let Some(text) = &arguments.length {
         parse(text, Dimension::Length)
@@ -97,5 +94,5 @@ fn scene(arguments: &Arguments) -> Result<GeometricScene, Failure> {
         scene.frames = 1;
         scene.fixed_length.get_or_insert(scene.shape.length);
     }
-    Ok(*scene)
+    Ok(GeometricRun::new(*scene))
 }

@@ -80,5 +80,9 @@ fn data<'a>(declared: &[Measure], series: Vec<Frame>) -> DataFile<'a> {
         }
         row
     };
-    DataFile::new("measures.csv", columns, series.into_iter().enumerate().map(row))
+    DataFile::new(
+        "measures.csv",
+        columns,
+        series.into_iter().enumerate().map(row),
+    )
 }

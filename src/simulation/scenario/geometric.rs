@@ -15,7 +15,7 @@ use crate::geometric::{ChainError, GeometricMuscle};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 use crate::progress::Progress;
-use crate::scene::GeometricScene;
+use crate::scene::content::GeometricScene;
 use crate::state::{Reader, Writer};
 
 /// Time of a vertex of the surface [ns], for estimates only.
