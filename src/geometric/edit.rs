@@ -9,7 +9,7 @@ const HALVINGS: u32 = 200;
 const ROUNDED: f64 = 1e-12;
 
 impl ChainShape {
-    /// The radius at rest of a node that has the radius `wanted` at a length, all in \[m\], with
+    /// The radius at rest of a node that has the radius `target` at a length, all in \[m\], with
     /// `insert` nodes between each two. The former increases with the latter.
     ///
     /// # Errors
@@ -19,18 +19,18 @@ impl ChainShape {
         insert: usize,
         node: usize,
         length: f64,
-        wanted: f64,
+        target: f64,
     ) -> Result<f64, [f64; 2]> {
         let rest = self.length;
-        if !(wanted <= rest) {
+        if !(target <= rest) {
             return Err([0.0, rest]);
         }
         if length == rest {
-            return Ok(wanted);
+            return Ok(target);
         }
         let at = |radius: f64| self.radius_at(insert, node, length, radius);
         if let Ok(least) = at(0.0)
-            && wanted < least
+            && target < least
         {
             return Err([least, rest]);
         }
@@ -42,7 +42,7 @@ impl ChainShape {
                 break;
             }
             let is_thinner = match at(middle) {
-                Ok(radius) => radius < wanted,
+                Ok(radius) => radius < target,
                 Err(ChainError::TooLong { node, .. }) => node == own,
                 Err(_) => false,
             };
@@ -53,7 +53,7 @@ impl ChainShape {
             }
         }
         match at(high) {
-            Ok(found) if (found - wanted).abs() <= ROUNDED * rest => Ok(high),
+            Ok(found) if (found - target).abs() <= ROUNDED * rest => Ok(high),
             Ok(found) => Err([0.0, found]),
             Err(_) => Err([0.0, rest]),
         }

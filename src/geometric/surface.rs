@@ -64,13 +64,11 @@ fn profile(chain: &Chain, cap: u32) -> Vec<(f64, Option<f64>)> {
     let ring = |i: usize| (rest.radii[i] > 0.0 || rest.growth[i] > 0.0).then_some(radii[i]);
     let (first, last) = (ring(0), ring(radii.len() - 1));
     let arc = |r: f64| {
-        let angle = move |k: u32| 0.5 * PI * f64::from(k) / f64::from(cap.max(1));
         // From the rim to the tip, without the rim.
         (1..=cap).map(move |k| {
-            (
-                r * libm::sin(angle(k)),
-                (k < cap).then(|| r * libm::cos(angle(k))),
-            )
+            let angle = 0.5 * PI * f64::from(k) / f64::from(cap.max(1));
+            let radius = (k < cap).then(|| r * libm::cos(angle));
+            (r * libm::sin(angle), radius)
         })
     };
     let mut rings: Vec<(f64, Option<f64>)> = Vec::new();

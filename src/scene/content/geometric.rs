@@ -120,26 +120,16 @@ pub(super) fn read(root: &Section<'_>, name: String) -> Read<Content> {
     let unit = root.get("unit").map_or(Ok(1.0), |item| {
         units::scale(item.text("cm")?, Dimension::Length).map_err(|e| item.error(e.into()))
     })?;
-    let lengths = |key: &str, limit| -> Read<Vec<f64>> {
-        let items = root.need(key, "[1.0, 2.0, 1.0]")?.list(NUMBERS)?;
-        items.iter().map(|i| length(i, unit, limit)).collect()
-    };
     let shape = ChainShape {
-        radii: lengths("radii", Limit::NotNegative)?,
+        radii: lengths(&root.need("radii", "[1.0, 2.0, 1.0]")?, unit)?,
         growth: growth(root)?,
         length: length(&root.need("length", "20.0")?, unit, Limit::Positive)?,
         caps: caps(root)?,
     };
-    let frame = match root.get("frame") {
-        None => None,
-        Some(item) => {
-            let bars = lengths("frame", Limit::NotNegative)?;
-            let Ok(bars) = <[f64; 4]>::try_from(bars) else {
-                return item.fail(SceneProblem::out_of_range("the list", FOUR));
-            };
-            Some(Frame::new(bars).map_err(|error| item.error(problem(&error.into())))?)
-        }
-    };
+    let frame = root
+        .get("frame")
+        .map(|item| bars(&item, unit))
+        .transpose()?;
     let insert = insert(root, shape.radii.len())?;
     let parts = [
         root.number_or("min_part", Limit::Within(1e-6, 1.0), PARTS[0])?,
@@ -178,6 +168,21 @@ fn length(item: &Item<'_>, unit: f64, limit: Limit) -> Read<f64> {
     } else {
         Ok(item.number(limit)? * unit)
     }
+}
+
+fn lengths(item: &Item<'_>, unit: f64) -> Read<Vec<f64>> {
+    let items = item.list(NUMBERS)?;
+    items
+        .iter()
+        .map(|item| length(item, unit, Limit::NotNegative))
+        .collect()
+}
+
+fn bars(item: &Item<'_>, unit: f64) -> Read<Frame> {
+    let Ok(bars) = <[f64; 4]>::try_from(lengths(item, unit)?) else {
+        return item.fail(SceneProblem::out_of_range("the list", FOUR));
+    };
+    Frame::new(bars).map_err(|error| item.error(problem(&error.into())))
 }
 
 fn growth(root: &Section<'_>) -> Read<Vec<f64>> {
@@ -323,7 +328,7 @@ mod tests {
 
     #[test]
     fn errors_have_the_place_and_the_key_of_the_value() {
-        for (from, to, wanted) in [
+        for (from, to, expected) in [
             (
                 "length",
                 "lenght",
@@ -366,7 +371,7 @@ mod tests {
             ("radii = [1.0, 2.0, 1.0]", "", "error[E055]: "),
         ] {
             let error = scene(&FILE.replacen(from, to, 1), &[]).expect_err(to);
-            assert!(error.terse().contains(wanted), "{to}: {}", error.terse());
+            assert!(error.terse().contains(expected), "{to}: {}", error.terse());
         }
     }
 }
