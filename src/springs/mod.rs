@@ -30,7 +30,7 @@ pub(crate) mod system;
 pub(crate) mod volume;
 
 pub use hooke::{Hooke, Springs};
-pub use rest::{RestEnd, RestSettings, Settled, StepRecord, settle, settle_by};
+pub use rest::{RestEnd, RestSettings, Settled, StepRecord, settle};
 pub use stability::{Mode, Stiffest, limit, stiffest};
 
 pub use force::Force;

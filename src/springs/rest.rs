@@ -40,6 +40,14 @@ impl RestSettings {
             energy: share * force * spacing * system.len() as f64,
         }
     }
+
+    /// Whether a system with these measures is at rest.
+    pub fn allows(&self, step: &StepRecord) -> bool {
+        all_within([
+            (step.residual, self.force),
+            (step.energy.kinetic, self.energy),
+        ])
+    }
 }
 
 /// Measures of a step.
@@ -55,6 +63,22 @@ pub struct StepRecord {
     pub energy: SpringEnergy,
     /// Greatest force without damping on a free point [N].
     pub residual: f64,
+}
+
+impl StepRecord {
+    /// The measures of a system after a step of `dt` [s] from the positions `before` [m].
+    pub fn of(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -> Self {
+        let mut force: Vec<Vector3<f64>> = Vec::new();
+        system.static_force(&system.position, &mut force);
+        let moves = system.position.iter().zip(before);
+        Self {
+            step,
+            dt,
+            greatest_move: max_or_nan(moves.map(|(x, b)| (x - b).norm())),
+            energy: system.energy(),
+            residual: max_or_nan(force.iter().map(Vector3::norm)),
+        }
+    }
 }
 
 /// End of a run to rest.
@@ -91,27 +115,8 @@ pub fn settle(
     steps: usize,
     mut watch: impl FnMut(&SpringSystem, &StepRecord) -> bool,
 ) -> Settled {
-    let step = |system: &mut SpringSystem| integrator.step(system, dt).map(|()| dt);
-    settle_by(system, step, rest, steps, &mut watch)
-}
-
-/// The same as [`settle`] with any function that makes a step and returns its length [s].
-pub fn settle_by(
-    system: &mut SpringSystem,
-    advance: impl FnMut(&mut SpringSystem) -> Result<f64, StepError>,
-    rest: RestSettings,
-    steps: usize,
-    watch: &mut dyn FnMut(&SpringSystem, &StepRecord) -> bool,
-) -> Settled {
-    let mut settling = Settling {
-        advance,
-        rest,
-        steps: 0,
-        dt: 0.0,
-        before: system.position.clone(),
-        last: StepRecord::default(),
-        system,
-    };
+    let advance = |system: &mut SpringSystem| integrator.step(system, dt).map(|()| dt);
+    let mut settling = Settling::new(system, advance, rest);
     let ended = relax(&mut settling, steps, |now| {
         now.steps == 0 || watch(now.system, &now.last)
     });
@@ -127,7 +132,7 @@ pub fn settle_by(
     }
 }
 
-/// A system that moves towards rest.
+/// A system that moves towards rest. `A` makes a step and returns its length [s].
 struct Settling<'a, A> {
     system: &'a mut SpringSystem,
     advance: A,
@@ -140,18 +145,27 @@ struct Settling<'a, A> {
     last: StepRecord,
 }
 
+impl<'a, A> Settling<'a, A> {
+    /// A system before its first step.
+    fn new(system: &'a mut SpringSystem, advance: A, rest: RestSettings) -> Self {
+        Self {
+            advance,
+            rest,
+            steps: 0,
+            dt: 0.0,
+            before: system.position.clone(),
+            last: StepRecord::default(),
+            system,
+        }
+    }
+}
+
 impl<A: FnMut(&mut SpringSystem) -> Result<f64, StepError>> Relax for Settling<'_, A> {
     type Error = StepError;
 
     fn judge(&mut self) -> Result<bool, StepError> {
-        self.last = record(self.system, self.steps, self.dt, &self.before);
-        let StepRecord {
-            residual, energy, ..
-        } = self.last;
-        Ok(all_within([
-            (residual, self.rest.force),
-            (energy.kinetic, self.rest.energy),
-        ]))
+        self.last = StepRecord::of(self.system, self.steps, self.dt, &self.before);
+        Ok(self.rest.allows(&self.last))
     }
 
     fn steps(&self) -> usize {
@@ -163,23 +177,5 @@ impl<A: FnMut(&mut SpringSystem) -> Result<f64, StepError>> Relax for Settling<'
         self.dt = (self.advance)(self.system)?;
         self.steps += 1;
         Ok(true)
-    }
-}
-
-fn record(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -> StepRecord {
-    let mut force: Vec<Vector3<f64>> = Vec::new();
-    system.static_force(&system.position, &mut force);
-    StepRecord {
-        step,
-        dt,
-        greatest_move: max_or_nan(
-            system
-                .position
-                .iter()
-                .zip(before)
-                .map(|(x, b)| (x - b).norm()),
-        ),
-        energy: system.energy(),
-        residual: max_or_nan(force.iter().map(Vector3::norm)),
     }
 }

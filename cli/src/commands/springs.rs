@@ -3,17 +3,17 @@
 mod built;
 mod nearing;
 mod pictures;
+mod run;
 mod written;
 
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use serde::Serialize;
 
 use super::failure::Failure;
 use super::options::Output;
-use super::progress::Bar;
+use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
 use super::warn;
 use crate::report::folder::Folder;
@@ -23,8 +23,9 @@ use nearing::Nearing;
 use pliant::format::number;
 use pliant::springs::integrators::{Adaptive, INTEGRATORS, Integrator, Verlet, by_name};
 use pliant::springs::{
-    Mode, Neighbours, RestEnd, RestSettings, Settled, Stiffest, limit, settle_by, stiffest,
+    Mode, Neighbours, RestEnd, RestSettings, Settled, Stiffest, limit, stiffest,
 };
+use run::{Advance, SpringsRun, Watch};
 use written::Record;
 
 /// Default greatest number of steps; and the number without damping, which only shows oscillations.
@@ -256,20 +257,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .unwrap_or(if undamped { UNDAMPED_STEPS } else { STEPS }) as usize;
     let bar = Bar::of_steps(steps);
     let mut nearing = Nearing::new(steps, rest);
-    let settled = advance(
-        arguments.adaptive,
-        steps,
-        &mut built,
-        integrator,
-        dt,
-        rest,
-        |system, step| {
-            record.step(system, step);
-            bar.step(step);
-            nearing.step(step);
-            !stop.load(Ordering::Relaxed)
-        },
-    );
+    let mut watch = Watch {
+        record: &mut record,
+        bar: &bar,
+        nearing: &mut nearing,
+    };
+    let steps_of = advance(arguments.adaptive, integrator, dt);
+    let until_raised = |_: &str, _: usize, _: usize| if_raised(&stop);
+    let settled = SpringsRun::new(&built.name, &mut built.system, steps_of, rest, steps)
+        .settle(&mut watch, &until_raised);
     bar.end();
     let mut summary = summary(arguments, &built, &stiffest, &settled, &rest);
     summary.steps_wanted = steps;
@@ -395,34 +391,13 @@ fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure>
     })
 }
 
-fn advance(
-    is_adaptive: bool,
-    steps: usize,
-    built: &mut Built,
-    mut integrator: Box<dyn Integrator>,
-    dt: f64,
-    rest: RestSettings,
-    mut watch: impl FnMut(&pliant::springs::SpringSystem, &pliant::springs::StepRecord) -> bool,
-) -> Settled {
-    let system = &mut built.system;
+/// The steps of a run.
+fn advance(is_adaptive: bool, mut integrator: Box<dyn Integrator>, dt: f64) -> Advance {
     if is_adaptive {
         let mut adaptive = Adaptive::new(integrator, dt);
-        settle_by(
-            system,
-            |system| adaptive.step(system).map(|a| a.dt),
-            rest,
-            steps,
-            &mut watch,
-        )
-    } else {
-        settle_by(
-            system,
-            |system| integrator.step(system, dt).map(|()| dt),
-            rest,
-            steps,
-            &mut watch,
-        )
+        return Box::new(move |system| adaptive.step(system).map(|a| a.dt));
     }
+    Box::new(move |system| integrator.step(system, dt).map(|()| dt))
 }
 
 fn in_words(settled: &Settled, rest: &RestSettings) -> String {
