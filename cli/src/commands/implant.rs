@@ -179,6 +179,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         output: &arguments.output,
         out: arguments.output.folder(&name, "implant"),
         options: RunOptions {
+            kind: Some("implant"),
             animate: false,
             begun,
             settings: settings_of_all().to_vec(),

@@ -24,6 +24,8 @@ use pliant_render::{PictureError, to_gif};
 /// Options of a run besides the scene.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
+    /// Kind of the job, the key of the measures; `None` is the kind of the scene.
+    pub kind: Option<&'static str>,
     /// True for an animation.
     pub animate: bool,
     /// Start of the run including all reading.
@@ -270,6 +272,7 @@ pub fn perform<'a>(
         ScenarioKind::Lattice(run) => lattice::output(run),
         _ => measured::output(scenario, measures),
     };
+    own.kind = options.kind.unwrap_or(own.kind);
     own.scene = Some(SceneRun {
         // An incomplete run has not come to rest at its end.
         converged: scenario.converged() && ended == Ended::Finished,

@@ -169,15 +169,17 @@ fn the_printed_scene_gives_the_same_areas() {
         let relative = scene.contains("mesh = \"sheet.obj\"");
         assert!(relative && scene.contains(said), "{scene}");
         fs::write(scratch.join("scene.toml"), &scene).unwrap();
-        let of = |arguments: &[&str]| -> Value {
-            let told = in_folder(&[arguments, &["--json", "--out", "out"]].concat());
-            let mut all: Value = serde_json::from_str(&told).unwrap();
-            for implant in all["skin"]["implants"].as_array_mut().unwrap() {
+        let of = |arguments: &[&str], kind: &str| -> Value {
+            let printed = in_folder(&[arguments, &["--json", "--out", "out"]].concat());
+            let mut all: Value = serde_json::from_str(&printed).unwrap();
+            assert_eq!(all["kind"], kind);
+            for implant in all[kind]["implants"].as_array_mut().unwrap() {
                 implant["time_s"] = 0.into();
             }
-            all["skin"].take()
+            all[kind].take()
         };
-        let (made, read) = (of(&arguments), of(&["run", "scene.toml"]));
+        let made = of(&arguments, "implant");
+        let read = of(&["run", "scene.toml"], "skin");
         assert_eq!(made, read, "{scene}");
         let area = |key: &str| made[key].as_f64().unwrap();
         assert!(area("area_deformed_m2") > area("area_before_m2"), "{made}");
@@ -284,13 +286,13 @@ fn any_number_of_threads_gives_the_same() {
         for of_time in ["time_s", "times"] {
             result[of_time] = 0.into();
         }
-        result["skin"]["implants"][0]["time_s"] = 0.into();
+        result["implant"]["implants"][0]["time_s"] = 0.into();
         (result, fs::read(out.join("skin.vtp")).unwrap())
     };
     let one = of("1");
     assert!(
-        one.0["skin"]["area_deformed_m2"].as_f64().unwrap()
-            > one.0["skin"]["area_before_m2"].as_f64().unwrap()
+        one.0["implant"]["area_deformed_m2"].as_f64().unwrap()
+            > one.0["implant"]["area_before_m2"].as_f64().unwrap()
     );
     assert!(of("3") == one);
     assert_eq!(
@@ -330,7 +332,7 @@ fn ctrl_c_keeps_the_volumes_that_are_done() {
     assert!(sent.success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let summary = json(&out.join("summary.json"));
-    let curve = summary["skin"]["curve"].as_array().unwrap();
+    let curve = summary["implant"]["curve"].as_array().unwrap();
     assert!((2..60).contains(&curve.len()), "{} volumes", curve.len());
     assert_eq!(summary["interrupted"].as_bool(), Some(true));
     assert_eq!(summary["frames"].as_u64(), Some(curve.len() as u64));

@@ -84,7 +84,8 @@ impl RunMetadata {
     }
 
     fn take(&mut self, summary: &Value) {
-        if let Some(name) = summary["skin"]["name"].as_str() {
+        let skin = ["skin", "implant"].map(|kind| summary[kind]["name"].as_str());
+        if let Some(name) = skin.into_iter().flatten().next() {
             self.kind = Kind::Skin(name.to_owned());
         } else if !summary["lattice"].is_null() {
             self.kind = Kind::Lattice;
@@ -275,7 +276,7 @@ mod tests {
             metadata
         };
         assert_eq!(
-            of(r#"{"skin": {"name": "sheet"}}"#).kind,
+            of(r#"{"implant": {"name": "sheet"}}"#).kind,
             Kind::Skin("sheet".to_owned())
         );
         assert_eq!(of(r#"{"lattice": {"points": 8}}"#).kind, Kind::Lattice);

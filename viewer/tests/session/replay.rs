@@ -456,6 +456,7 @@ fn run_staged(out: &Path, name: &str, overrides: &[&str]) {
     let mut run = scenario(&scene).unwrap_or_else(|e| panic!("{}", e.terse()));
     let folder = Folder::open(out).unwrap_or_else(|e| panic!("{e}"));
     let options = RunOptions {
+        kind: None,
         animate: false,
         begun: Instant::now(),
         settings: Vec::new(),

@@ -64,6 +64,7 @@ pub(super) fn run(
         output: &arguments.output,
         out: arguments.output.folder(scene.name(), ""),
         options: RunOptions {
+            kind: None,
             animate: arguments.animate.is_some(),
             begun,
             settings: super::settings(arguments),

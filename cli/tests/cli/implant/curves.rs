@@ -186,7 +186,7 @@ fn far_stretched_skin_is_a_finding_and_every_check_is_in_the_exit_code() {
         "{result}"
     );
     assert!(
-        result["skin"]["area_over_limit_m2"].as_f64().unwrap() > 1e-4,
+        result["implant"]["area_over_limit_m2"].as_f64().unwrap() > 1e-4,
         "{result}"
     );
     assert!(
@@ -203,6 +203,6 @@ fn far_stretched_skin_is_a_finding_and_every_check_is_in_the_exit_code() {
     );
     assert!(page.contains("→ found") && page.contains("stretched beyond 1.01"));
     let (_, result, page) = of(&["--volume", "60cc", "--stretch-limit", "9"]);
-    assert_eq!(result["skin"]["area_over_limit_m2"].as_f64(), Some(0.0));
+    assert_eq!(result["implant"]["area_over_limit_m2"].as_f64(), Some(0.0));
     assert!(page.contains("nothing is stretched beyond 9.00"));
 }
