@@ -12,10 +12,10 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::failure::Failure;
+use super::note;
 use super::options::Output;
 use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
-use super::warn;
 use crate::report::folder::Folder;
 use crate::report::output::Verdict;
 use built::Built;
@@ -248,7 +248,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let damps = ["bdf2", "implicit"].contains(&integrator.name());
     let undamped = !damps && built.system.damping == 0.0;
     if undamped {
-        warn(
+        note(
             "note: without damping nothing comes to rest, it swings for ever; give --damping, or leave it out for the estimate",
         );
     }
