@@ -2,7 +2,8 @@
 
 use nalgebra::Point3;
 
-use super::{ActiveNormals, PosedObstacle};
+use super::PosedObstacle;
+use super::active_normals::ActiveNormals;
 use crate::particles::Particles;
 use crate::state::{DecodeError, Reader, State, Writer};
 
