@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 use measured::{key, quick, result};
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 use pliant::constraints::{EnclosedVolume, Quadratic};
+use pliant::mesh::refine;
 use pliant::mesh::shapes::make;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::solvers::{DescentSettings, Energy, Newton, NoContact, QuasiStatic, stiffness};
-use pliant::testing::internals::mesh::refine;
 
 /// Stiffness of the example scenes [N/m, N m].
 const MATERIAL: (f64, f64) = (300.0, 2e-4);

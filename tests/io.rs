@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
+use pliant::io::Warning;
 use pliant::io::obj;
 use pliant::io::{Encoding, MeshFile, read, read_bytes, vtp};
 use pliant::mesh::TriangleMesh;
-use pliant::testing::internals::io::Warning;
 use pliant::testing::internals::io::{ply, stl, vtk};
 
 /// All files under folders of the data set; prints that the test is skipped if there are none.

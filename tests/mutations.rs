@@ -6,9 +6,9 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
+use pliant::io::ReadProblem;
 use pliant::io::{FilePlace, MeshFile, ReadError};
 use pliant::mesh::TriangleMesh;
-use pliant::testing::internals::io::ReadProblem;
 use pliant::testing::{
     Breach, LoadOutcome, Mutator, check_reader, check_target, dictionary, seeds,
 };

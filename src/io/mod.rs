@@ -36,13 +36,11 @@ use std::path::Path;
 
 use crate::mesh::TriangleMesh;
 use cursor::Cursor;
-pub(crate) use error::ReadProblem;
-pub use error::{FilePlace, ReadError};
+pub use error::{FilePlace, ReadError, ReadProblem};
 use formats::Head;
 pub use formats::{Encoding, FORMATS, Format, writable};
 pub use part::write_whole;
-pub use warning::Warned;
-pub(crate) use warning::{Warning, Warnings};
+pub use warning::{Warned, Warning, Warnings};
 pub use write::{WriteError, write};
 
 /// The largest file that is read [bytes].

@@ -35,7 +35,7 @@ pub use isosurface::isosurface;
 pub use measures::Aabb;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use refine::refine_patch;
-pub(crate) use refine::{RefineError, refine};
+pub use refine::{RefineError, Refined, refine};
 pub use topology::Topology;
 
 /// A triangle mesh: vertex positions [m] and triangles of vertex indices, counter-clockwise seen from outside.

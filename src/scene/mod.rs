@@ -39,16 +39,14 @@ pub use study::{Combine, StudyChange};
 
 pub use crate::constraints::SweepOrder;
 pub use content::Content;
-pub(crate) use effects::ContactEffect;
-pub use effects::{EffectSpec, Effects, Mass, Material, Volume};
+pub use effects::{Anisotropy, ContactEffect, EffectSpec, Effects, Mass, Material, Volume};
 pub use error::SceneError;
 pub(crate) use error::SceneProblem;
 pub use guess::likely_units;
 pub(crate) use origin::SceneOrigin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
-pub(crate) use solvers::{Minimisation, Xpbd};
-pub use solvers::{Solver, SolverQuestion, SolverSpec};
+pub use solvers::{Minimisation, Pbd, Solver, SolverQuestion, SolverSpec, Xpbd};
 pub use study::StudyFile;
 
 use std::path::PathBuf;

@@ -32,7 +32,7 @@ use rayon::prelude::*;
 pub use assets::Assets;
 pub use body::Body;
 pub(crate) use body::Stepper;
-pub use fault::LoadError;
+pub use fault::{Fault, LoadError};
 pub use measures::Measures;
 pub use plan::Plan;
 pub use run::{Ended, Observer, run};

@@ -11,7 +11,7 @@ pub(crate) mod angular;
 pub(crate) mod buckling;
 pub(crate) mod cloth_patterns;
 #[cfg(feature = "contact")]
-pub(crate) mod contact;
+pub mod contact;
 pub mod damping;
 pub(crate) mod force;
 pub mod format;

@@ -57,9 +57,6 @@ pub mod geometric {
 
 /// Internals of `io`.
 pub mod io {
-    pub use crate::io::error::ReadProblem;
-    pub use crate::io::warning::Warning;
-
     /// Internals of `io::ply`.
     pub mod ply {
         pub use crate::io::ply::*;
@@ -78,7 +75,6 @@ pub mod io {
 
 /// Internals of `mesh`.
 pub mod mesh {
-    pub use crate::mesh::refine::{RefineError, Refined, refine};
     pub use crate::mesh::sum::{NeumaierSum, tree_sum};
     pub use crate::mesh::winding::{WindingTree, winding_number_direct};
 
@@ -126,7 +122,6 @@ pub mod morph {
 pub mod scene {
     pub use crate::scene::effects::material_constants;
     pub use crate::scene::keys::{KeyKind, Limit};
-    pub use crate::scene::solvers::{Minimisation, Pbd, Xpbd};
 }
 
 /// Internals of `simulation`.
@@ -173,17 +168,14 @@ pub mod springs {
         pub use crate::springs::lattice::stability::{largest_stiffness, stability_limit};
     }
 
-    /// Internals of `springs::integrators`.
-    pub mod integrators {
-        pub use crate::springs::integrators::bdf2::Bdf2;
-        pub use crate::springs::integrators::explicit_euler::ExplicitEuler;
-        pub use crate::springs::integrators::implicit_euler::ImplicitEuler;
-        pub use crate::springs::integrators::rk4::Rk4;
-        pub use crate::springs::integrators::semi_implicit_euler::SemiImplicitEuler;
-    }
-
     /// Internals of `springs::contact`.
     pub mod contact {
+        pub use crate::springs::contact::edges::{
+            Crossing, Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of,
+        };
+        pub use crate::springs::contact::hierarchy::{BoundKind, Hierarchy};
+        pub use crate::springs::contact::impulse::{ContactPart, impulse};
+        pub use crate::springs::contact::voxels::{VoxelError, VoxelGrid};
         pub use crate::springs::contact::*;
     }
 

@@ -6,8 +6,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use pliant::io::Warning;
 use pliant::io::{MeshFile, read};
-use pliant::testing::internals::io::Warning;
 use serde_json::Value;
 
 /// True if a rejection of a file that VTK reads is right: a cell that fills a volume, or no surface

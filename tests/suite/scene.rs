@@ -8,6 +8,7 @@ mod refused;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use pliant::scene::Minimisation;
 use pliant::scene::builtin::{BUILTIN, builtin, load, load_content, load_with};
 use pliant::scene::{
     self, AreaSpec, Content, Mass, Scene, SceneError, Solver, Source, Support, Surroundings,
@@ -15,7 +16,6 @@ use pliant::scene::{
 };
 use pliant::skin::{ImplantPlace, SILICONE, Tissue};
 use pliant::springs::Neighbours;
-use pliant::testing::internals::scene::Minimisation;
 
 /// The smallest scene, the basis of scenes with mistakes.
 const SMALL: &str = r#"frames = 3

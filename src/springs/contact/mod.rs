@@ -2,7 +2,7 @@
 //! points inside; the response is by impulses.
 //!
 //! A step of [`Bodies`] computes forces, velocities, impulses, positions, in this order (errata
-//! B05). Each part is also usable alone: [`Hierarchy`], [`VoxelGrid`], [`edges`], [`impulse`].
+//! B05). The parts are in files of their own: hierarchy, voxels, edges, impulse.
 
 pub(crate) mod bodies;
 pub(crate) mod body;
@@ -12,13 +12,6 @@ pub(crate) mod hierarchy;
 pub(crate) mod impulse;
 pub(crate) mod voxels;
 
-pub use edges::{Crossing, Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of};
-pub use hierarchy::BoundKind;
-pub use impulse::{ContactPart, impulse};
-pub use voxels::VoxelError;
-
 pub use bodies::{Bodies, StepContacts};
 pub use body::{BodyError, CollidingBody, Drive};
-pub use hierarchy::Hierarchy;
 pub use impulse::{Response, ResponseError};
-pub use voxels::VoxelGrid;

@@ -3,20 +3,20 @@
 //! Orders and stability limits are measured by `tests/suite/springs/integrators.rs`.
 
 mod adaptive;
-pub(crate) mod bdf2;
-pub(crate) mod explicit_euler;
+mod bdf2;
+mod explicit_euler;
 mod implicit;
-pub(crate) mod implicit_euler;
-pub(crate) mod rk4;
-pub(crate) mod semi_implicit_euler;
+mod implicit_euler;
+mod rk4;
+mod semi_implicit_euler;
 mod verlet;
 
 pub use adaptive::Adaptive;
-pub(crate) use bdf2::Bdf2;
-pub(crate) use explicit_euler::ExplicitEuler;
-pub(crate) use implicit_euler::ImplicitEuler;
-pub(crate) use rk4::Rk4;
-pub(crate) use semi_implicit_euler::SemiImplicitEuler;
+pub use bdf2::Bdf2;
+pub use explicit_euler::ExplicitEuler;
+pub use implicit_euler::ImplicitEuler;
+pub use rk4::Rk4;
+pub use semi_implicit_euler::SemiImplicitEuler;
 pub use verlet::Verlet;
 
 use super::stability::Mode;

@@ -2,12 +2,10 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::springs::integrators::{Adaptive, INTEGRATORS, Integrator, StepError, Verlet, by_name};
+use pliant::springs::integrators::{Bdf2, ExplicitEuler, ImplicitEuler, Rk4, SemiImplicitEuler};
 use pliant::springs::{
     Hooke, Mode, RestEnd, RestSettings, SpringSystem, Springs, Stiffest, damping, limit, settle,
     stiffest,
-};
-use pliant::testing::internals::springs::integrators::{
-    Bdf2, ExplicitEuler, ImplicitEuler, Rk4, SemiImplicitEuler,
 };
 
 /// A mass m on a spring k from the origin with damping c, along x, displaced to x.
