@@ -178,7 +178,7 @@ mod tests {
                 "Triangles\n1\n0 2 3 0\n",
                 "a:12:1: error[E020]: vertex index 0",
             ),
-            ("Triangles\n1\n1 2\n", "E041"),
+            ("Triangles\n1\n1 2     \n", "error[E041]"),
             (
                 "Triangles\n9\n1 2 3 0\n",
                 "a:11:1: error[E040]: 9 items are declared",

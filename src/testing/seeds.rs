@@ -501,7 +501,7 @@ mod tests {
     fn every_seed_is_a_mesh_or_a_scene() {
         let others = ["blocks", "scene", "write", "repair", "state"];
         let loaders = loaders();
-        assert_eq!(loaders.len(), 8);
+        assert_eq!(loaders.len(), 9);
         let readers = loaders.iter().map(|loader| loader.name);
         for target in readers.chain(others) {
             let seeds = seeds(target);
