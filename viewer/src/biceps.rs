@@ -133,7 +133,7 @@ impl Kind for Biceps {
                 other => Err(Refused::Value {
                     path: path.clone(),
                     value: other.to_owned(),
-                    wanted: "`on` or `off`",
+                    expected: "`on` or `off`",
                 }),
             },
             Command::Restore { path } if path == ANIMATION => Ok(recipe.without(FIXED_LENGTH)),

@@ -37,6 +37,32 @@ pub fn pick(
     {
         return Some(Picked::Handle(handle));
     }
+    if let Some((body, vertex)) = corner(shot, camera, at, &is_shown) {
+        return Some(Picked::Vertex(body, vertex));
+    }
+    // Bodies without a surface are picked by their projected vertices.
+    let bodies = shot.bodies.iter().zip(&shot.stage.bodies).enumerate();
+    let bare = bodies.filter(|(b, (_, stage))| is_shown(*b) && stage.triangles.is_empty());
+    let each = bare.flat_map(|(b, (body, _))| {
+        body.positions
+            .iter()
+            .enumerate()
+            .map(move |(v, p)| (b, v, p))
+    });
+    let seen = each
+        .filter_map(|(b, v, p)| Some((b, v, away(p)?)))
+        .filter(|(.., d)| *d <= NEAR);
+    seen.min_by(|a, b| a.2.total_cmp(&b.2))
+        .map(|(b, v, _)| Picked::Vertex(b, v))
+}
+
+/// The body and the corner nearest to the intersection of the line of sight with the front surface.
+fn corner(
+    shot: &Shot,
+    camera: &Camera,
+    at: Point2<f64>,
+    is_shown: impl Fn(usize) -> bool,
+) -> Option<(usize, usize)> {
     let (eye, along) = camera.ray(at);
     let mut nearest: Option<(f64, usize, usize)> = None;
     for (b, (body, stage)) in shot
@@ -59,25 +85,7 @@ pub fn pick(
             }
         }
     }
-    let bare = || {
-        // Bodies without a surface are picked by their projected vertices.
-        let bodies = shot.bodies.iter().zip(&shot.stage.bodies).enumerate();
-        let bare = bodies.filter(|(b, (_, stage))| is_shown(*b) && stage.triangles.is_empty());
-        let each = bare.flat_map(|(b, (body, _))| {
-            body.positions
-                .iter()
-                .enumerate()
-                .map(move |(v, p)| (b, v, p))
-        });
-        let seen = each
-            .filter_map(|(b, v, p)| Some((b, v, away(p)?)))
-            .filter(|(.., d)| *d <= NEAR);
-        seen.min_by(|a, b| a.2.total_cmp(&b.2))
-            .map(|(b, v, _)| Picked::Vertex(b, v))
-    };
-    nearest
-        .map(|(_, body, vertex)| Picked::Vertex(body, vertex))
-        .or_else(bare)
+    nearest.map(|(_, body, vertex)| (body, vertex))
 }
 
 /// The distance of the intersection of a ray with a triangle, from either side.

@@ -11,7 +11,7 @@ use crate::subject::Subject;
 use pliant::format::number;
 use pliant::scene::builtin::{self, Written};
 use pliant::scene::{
-    AreaSpec, Content, Scene, SceneError, Source, Surroundings, Variables, no_variables,
+    AreaSpec, Content, Muscle, Scene, SceneError, Source, Surroundings, Variables, no_variables,
     parse_content, parse_with,
 };
 use pliant::simulation::{Assets, LoadError, Simulation};
@@ -42,14 +42,14 @@ pub enum Refused {
     #[error("{}", .0.terse())]
     Load(LoadError),
     /// The value has another kind.
-    #[error("`{path}` cannot be `{value}`; give {wanted}")]
+    #[error("`{path}` cannot be `{value}`; give {expected}")]
     Value {
         /// Path of the change.
         path: String,
         /// The value.
         value: String,
         /// The required kind.
-        wanted: &'static str,
+        expected: &'static str,
     },
     /// A finite number is out of its range.
     #[error(
@@ -259,55 +259,58 @@ impl Recipe {
 
 /// The difference between the meshes of two scenes, if any.
 fn other_meshes(a: &Scene, b: &Scene) -> Option<&'static str> {
-    let patches = |scene: &Scene| -> Vec<Option<(Source, Option<usize>)>> {
-        let areas = scene
-            .muscles
-            .iter()
-            .flat_map(|m| m.attachments.iter().map(|a| &a.area));
-        let patch = |area: &AreaSpec| match area {
-            AreaSpec::Patch {
-                source, component, ..
-            } => Some((source.clone(), *component)),
-            AreaSpec::Near(_) | AreaSpec::Vertices(_) => None,
-        };
-        areas.map(patch).collect()
-    };
-    let bones = |scene: &Scene| -> Vec<_> {
-        scene
-            .bones
-            .iter()
-            .map(|b| (b.name.clone(), b.surface.clone(), b.repair))
-            .collect()
-    };
-    let muscles = |scene: &Scene| -> Vec<_> {
-        let of = |m: &pliant::scene::Muscle| {
-            (
-                m.name.clone(),
-                m.surface.clone(),
-                m.repair,
-                m.attachments.len(),
-            )
-        };
-        scene.muscles.iter().map(of).collect()
-    };
-    let fibres =
-        |scene: &Scene| -> Vec<_> { scene.muscles.iter().map(|m| m.fibres.clone()).collect() };
-    let lengths =
-        |scene: &Scene| -> Vec<_> { scene.muscles.iter().map(|m| m.edge_length).collect() };
     let differences = [
-        (bones(a) != bones(b), "the bones"),
+        (
+            differ(&a.bones, &b.bones, |bone| {
+                (bone.name.clone(), bone.surface.clone(), bone.repair)
+            }),
+            "the bones",
+        ),
         (
             a.capsules.len() != b.capsules.len(),
             "the number of capsules",
         ),
-        (muscles(a) != muscles(b), "the muscles"),
-        (lengths(a) != lengths(b), "the mesh of a muscle"),
-        (fibres(a) != fibres(b), "the fibres"),
-        (patches(a) != patches(b), "the areas of attachment"),
+        (
+            differ(&a.muscles, &b.muscles, |m| {
+                let surface = (m.surface.clone(), m.repair);
+                (m.name.clone(), surface, m.attachments.len())
+            }),
+            "the muscles",
+        ),
+        (
+            differ(&a.muscles, &b.muscles, |m| m.edge_length),
+            "the mesh of a muscle",
+        ),
+        (
+            differ(&a.muscles, &b.muscles, |m| m.fibres.clone()),
+            "the fibres",
+        ),
+        (
+            differ(&a.muscles, &b.muscles, patches),
+            "the areas of attachment",
+        ),
     ];
     differences
         .into_iter()
         .find_map(|(differs, what)| differs.then_some(what))
+}
+
+/// True if a property of two lists of parts differs.
+fn differ<T, P: PartialEq>(a: &[T], b: &[T], property: impl Fn(&T) -> P) -> bool {
+    a.iter().map(&property).ne(b.iter().map(&property))
+}
+
+/// File and component of each attachment of a muscle; `None` for an area without a file.
+fn patches(muscle: &Muscle) -> Vec<Option<(Source, Option<usize>)>> {
+    let areas = muscle.attachments.iter().map(|a| &a.area);
+    areas
+        .map(|area| match area {
+            AreaSpec::Patch {
+                source, component, ..
+            } => Some((source.clone(), *component)),
+            AreaSpec::Near(_) | AreaSpec::Vertices(_) => None,
+        })
+        .collect()
 }
 
 /// Checks an index.

@@ -25,14 +25,14 @@ use super::subject::{Advanced, Subject, Watch};
 use files::{Deformed, Files, Origin, Shown, is_rigid, plain_name};
 use pliant::io::{LIST, ReadError, file_name, pvd};
 use pliant::mesh::measures::max_or_nan;
-use run_metadata::{Kind, RunMetadata};
+use run_metadata::{Kind, Measured, RunMetadata};
 use timeline::{Timeline, USUAL_RATE};
 
 /// Greatest size of the cache of frames [bytes].
 const ROOM: usize = 256 << 20;
 
 /// Greatest number of damaged frames that are reported separately.
-const TOLD_ONE_BY_ONE: usize = 5;
+const REPORTED_ONE_BY_ONE: usize = 5;
 
 /// The answer of a finished run to a change.
 const ONLY_PLAYED: &str =
@@ -270,14 +270,22 @@ impl Replay {
             .map_or(0, |moment| moment.frame)
     }
 
+    /// The measures of the displayed frame.
+    fn measured(&self) -> &[Measured] {
+        let measured = self.metadata.frames.get(&self.frame());
+        measured.map(Vec::as_slice).unwrap_or_default()
+    }
+
+    /// The measures of a body by its name in files.
+    fn measured_of(&self, name: &str) -> Option<&Measured> {
+        self.measured()
+            .iter()
+            .find(|m| file_name(&self.metadata.bodies[m.body]) == name)
+    }
+
     /// Volume error, stretch and depth, with the names and units of running muscles.
     fn readings(&self) -> Vec<Reading> {
-        let measured = self
-            .metadata
-            .frames
-            .get(&self.frame())
-            .map(Vec::as_slice)
-            .unwrap_or_default();
+        let measured = self.measured();
         let mut all = Vec::new();
         let mut add = |name, of: &str, unit, value| {
             all.push(Reading {
@@ -287,26 +295,23 @@ impl Replay {
                 value,
             })
         };
-        let stretch = |body: &Deformed| 100.0 * max_or_nan(body.stretch.iter().copied());
         for m in measured {
             let of = self.metadata.bodies[m.body].as_str();
             if let Some(error) = m.volume_error {
                 add("Volume error", of, "", error.abs());
             }
             for (_, body) in self.stretched().filter(|(name, _)| *name == file_name(of)) {
-                add("Greatest stretch", of, "%", stretch(body));
+                add("Greatest stretch", of, "%", greatest_stretch(body));
             }
             if let Some(depth) = m.depth {
                 add("Greatest depth", of, "mm", 1e3 * depth);
             }
         }
-        let is_told = |name: &str| {
-            measured
-                .iter()
-                .any(|m| file_name(&self.metadata.bodies[m.body]) == name)
-        };
-        for (name, body) in self.stretched().filter(|(name, _)| !is_told(name)) {
-            add("Greatest stretch", name, "%", stretch(body));
+        for (name, body) in self.stretched() {
+            if self.measured_of(name).is_some() {
+                continue;
+            }
+            add("Greatest stretch", name, "%", greatest_stretch(body));
         }
         // A single body needs no name.
         if all.iter().all(|reading| reading.of == all[0].of) {
@@ -335,11 +340,11 @@ impl Replay {
 
     fn notes(&self) -> Vec<String> {
         let mut notes = self.metadata.notes.clone();
-        let each = self.damaged.iter().take(TOLD_ONE_BY_ONE);
+        let each = self.damaged.iter().take(REPORTED_ONE_BY_ONE);
         notes.extend(
             each.map(|(k, why)| format!("frame {}: {why}", self.timeline.moments[*k].frame)),
         );
-        if let Some(more @ 1..) = self.damaged.len().checked_sub(TOLD_ONE_BY_ONE) {
+        if let Some(more @ 1..) = self.damaged.len().checked_sub(REPORTED_ONE_BY_ONE) {
             notes.push(format!("{more} more frames cannot be shown"));
         }
         notes
@@ -363,6 +368,11 @@ impl Replay {
             _ => Ok(()),
         }
     }
+}
+
+/// Greatest stretch of a body [%].
+fn greatest_stretch(body: &Deformed) -> f64 {
+    100.0 * max_or_nan(body.stretch.iter().copied())
 }
 
 /// True if two displayed parts need the same stage.
@@ -433,24 +443,15 @@ impl Subject for Replay {
     }
 
     fn shot(&mut self) -> Shot {
-        let measured = self
-            .metadata
-            .frames
-            .get(&self.frame())
-            .map(Vec::as_slice)
-            .unwrap_or_default();
-        let volume_error = |name: &str| {
-            let of = measured
-                .iter()
-                .find(|m| file_name(&self.metadata.bodies[m.body]) == name);
-            of.and_then(|m| m.volume_error).unwrap_or(0.0)
-        };
         let body = |(name, body): (&str, &Deformed)| BodyShot {
             positions: body.positions.clone(),
             stretch: body.stretch.clone(),
             depth: body.depth.clone(),
             speed: body.speed.clone(),
-            volume_error: volume_error(name),
+            volume_error: self
+                .measured_of(name)
+                .and_then(|m| m.volume_error)
+                .unwrap_or(0.0),
             ..BodyShot::default()
         };
         let bone = |(_, shown): &(usize, Arc<Shown>)| match &**shown {

@@ -27,7 +27,7 @@ pub(super) enum Failure {
     Folder(FolderError),
     /// Invalid input; the message contains the advice.
     #[cfg(feature = "viewer")]
-    Told(String),
+    Message(String),
     /// Any other invalid input.
     Usage {
         /// The error.
@@ -99,7 +99,7 @@ impl Failure {
                 (LoadError::Unfit(_), false) => warn(&self.terse()),
             },
             #[cfg(feature = "viewer")]
-            Self::Told(_) => warn(&self.terse()),
+            Self::Message(_) => warn(&self.terse()),
             Self::Folder(_) | Self::Usage { .. } => warn(&self.terse()),
         }
     }
@@ -114,7 +114,7 @@ impl Failure {
             },
             Self::Folder(error) => format!("error: {error}"),
             #[cfg(feature = "viewer")]
-            Self::Told(message) => format!("error: {message}"),
+            Self::Message(message) => format!("error: {message}"),
             Self::Usage { message, hint } => format!("error: {message}; {hint}"),
         }
     }

@@ -109,7 +109,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let shown = match &arguments.replay {
         Some(folder) => {
-            let replay = Replay::open(folder).map_err(|error| Failure::Told(error.to_string()))?;
+            let replay =
+                Replay::open(folder).map_err(|error| Failure::Message(error.to_string()))?;
             window::show(
                 move || Session::of(Box::new(replay), pace),
                 &options,

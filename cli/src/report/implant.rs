@@ -1,6 +1,7 @@
 //! Skin over implants: tables, pictures, findings and files.
 
 mod pictures;
+mod section;
 mod tables;
 
 use std::io;

@@ -224,36 +224,28 @@ impl LinePlot {
         .min(SIZE[1] - BOTTOM - 60.0)
     }
 
+    /// The points and the ends of the bars in coordinates of the axes, without those that no axis can
+    /// hold.
+    fn drawable(&self) -> impl Iterator<Item = (f64, f64)> {
+        self.series
+            .iter()
+            .flat_map(|s| {
+                let bars = s.bars.iter().flat_map(|(y, a, b)| [(*a, *y), (*b, *y)]);
+                s.points.iter().copied().chain(bars)
+            })
+            .map(|(x, y)| (on_axis(x, self.log_x), on_axis(y, self.log_y)))
+            .filter(|(x, y)| x.abs() < 1e300 && y.abs() < 1e300)
+    }
+
     /// The ranges of the drawable points; `None` if there are none.
     fn axes(&self, top: f64) -> Option<Axes> {
-        let power = |v: f64, log: bool| if log { libm::log10(v.max(0.0)) } else { v };
-        let scale = |y: f64| power(y, self.log_y);
-        let points = || {
-            let bars = |s: &Series| {
-                s.bars
-                    .iter()
-                    .flat_map(|(y, a, b)| [(*a, *y), (*b, *y)])
-                    .collect::<Vec<_>>()
-            };
-            let points = self
-                .series
-                .iter()
-                .flat_map(move |s| s.points.iter().copied().chain(bars(s)));
-            let points = points.map(|(x, y)| (power(x, self.log_x), scale(y)));
-            points.filter(|(x, y)| x.abs() < 1e300 && y.abs() < 1e300)
-        };
-        let range = |values: &mut dyn Iterator<Item = f64>| {
-            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(v), high.max(v))
-            })
-        };
-        let x = range(&mut points().map(|(x, _)| x));
+        let x = range(self.drawable().map(|(x, _)| x));
         let limits = self
             .limits
             .iter()
-            .map(|(_, y)| scale(*y))
+            .map(|(_, y)| on_axis(*y, self.log_y))
             .filter(|y| y.abs() < 1e300);
-        let mut y = range(&mut points().map(|(_, y)| y).chain(limits));
+        let mut y = range(self.drawable().map(|(_, y)| y).chain(limits));
         if x.0 > x.1 {
             return None;
         }
@@ -459,11 +451,31 @@ fn widened((low, high): (f64, f64)) -> (f64, f64) {
     (low - room, high + room)
 }
 
+/// The coordinate of a value on an axis: its decimal logarithm on a logarithmic one.
+fn on_axis(value: f64, is_logarithmic: bool) -> f64 {
+    if is_logarithmic {
+        libm::log10(value.max(0.0))
+    } else {
+        value
+    }
+}
+
+/// The least and the greatest value; an inverted range without values.
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    })
+}
+
+/// The column of half a pixel that holds a place.
+fn column(place: &Option<(f64, f64)>) -> Option<f64> {
+    place.map(|(x, _)| (x * 2.0).floor())
+}
+
 /// The first, the lowest, the highest and the last point of each column of pixels: long runs give
 /// small files, and no spike is lost.
 fn thinned(places: impl Iterator<Item = Option<(f64, f64)>>) -> Vec<Option<(f64, f64)>> {
     let places: Vec<_> = places.collect();
-    let column = |p: &Option<(f64, f64)>| p.map(|(x, _)| (x * 2.0).floor());
     let mut kept = Vec::new();
     for group in places.chunk_by(|a, b| a.is_some() && column(a) == column(b)) {
         if group.len() <= 4 {

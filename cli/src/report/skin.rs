@@ -244,8 +244,8 @@ fn plots(run: &SkinRun, curve: Option<Plot>) -> Vec<Plot> {
     let stretch = LinePlot::new("Greatest stretch", "frame")
         .with("", line(&|a| a.stretch_max))
         .with_limit("limit", run.scene.skin.stretch_limit);
-    let on_page = |plot| Plot { file: None, plot };
-    vec![curve.unwrap_or_else(|| on_page(gained)), on_page(stretch)]
+    let [gained, stretch] = [gained, stretch].map(|plot| Plot { file: None, plot });
+    vec![curve.unwrap_or(gained), stretch]
 }
 
 /// The entries of a part's implants, one for a ball, each with its index among all implants.

@@ -60,9 +60,6 @@ impl Table {
     /// one place.
     pub fn to_text(&self) -> String {
         let rows = || std::iter::once(&self.header).chain(&self.rows);
-        let cell = |row: &Vec<String>, column: usize| {
-            row.get(column).map(|text| tame(text)).unwrap_or_default()
-        };
         let widths: Vec<usize> = (0..self.columns())
             .map(|column| {
                 rows()
@@ -98,6 +95,11 @@ impl Table {
         self.rows.iter().for_each(|row| text += &line(row));
         text
     }
+}
+
+/// The text of a cell; empty where the row ends earlier.
+fn cell(row: &[String], column: usize) -> String {
+    row.get(column).map(|text| tame(text)).unwrap_or_default()
 }
 
 fn tame(text: &str) -> String {

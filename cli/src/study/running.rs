@@ -39,26 +39,25 @@ pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
         .collect()
 }
 
-/// Runs the combinations `wanted`, `threads` of them at once, and writes each complete result. A
+/// Runs the combinations `selected`, `threads` of them at once, and writes each complete result. A
 /// run that `watch` stops leaves none. The results do not depend on the number of threads.
 ///
 /// # Errors
 /// A result that cannot be written; the other runs then stop.
 pub fn execute(
     study: &Combinations,
-    wanted: &[usize],
+    selected: &[usize],
     folder: &Folder,
     threads: usize,
     progress: &(dyn Progress + Sync),
     done: &(dyn Fn(&Combination, &Outcome) + Sync),
 ) -> Result<(), FolderError> {
-    // Foreign files in the way are reported before hours of computation.
-    wanted
+    // A foreign file in place of a result is reported before hours of computation.
+    selected
         .iter()
         .try_for_each(|&k| folder.claim(&study.all[k].file()).map(|_| ()))?;
-    let workers = threads.clamp(1, wanted.len().max(1));
+    let workers = threads.clamp(1, selected.len().max(1));
     let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
-    let has_failed = || failed.lock().map_or(true, |f| f.is_some());
     std::thread::scope(|scope| {
         for _ in 0..workers {
             scope.spawn(|| {
@@ -68,11 +67,11 @@ pub fn execute(
                     .num_threads((threads / workers).max(1))
                     .build()
                     .ok();
-                while let Some(&k) = wanted.get(next.fetch_add(1, Ordering::Relaxed)) {
+                while let Some(&k) = selected.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let combination = &study.all[k];
                     let work = || {
                         let until_failed = |stage: &str, done: usize, of: usize| {
-                            if has_failed() {
+                            if failed.lock().map_or(true, |f| f.is_some()) {
                                 return ControlFlow::Break(());
                             }
                             progress.report(stage, done, of)
@@ -84,10 +83,9 @@ pub fn execute(
                         None => work(),
                     };
                     let Some(outcome) = outcome else { return };
-                    let write = |w: &mut std::io::BufWriter<std::fs::File>| {
-                        outcome.write(&combination.key, w)
-                    };
-                    if let Err(error) = folder.write(&combination.file(), write) {
+                    let written =
+                        folder.write(&combination.file(), |w| outcome.write(&combination.key, w));
+                    if let Err(error) = written {
                         if let Ok(mut failed) = failed.lock() {
                             failed.get_or_insert(error);
                         }

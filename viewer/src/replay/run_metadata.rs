@@ -123,12 +123,11 @@ impl RunMetadata {
     fn take_measures(&mut self, bytes: &[u8]) -> Result<(), String> {
         let mut table = csv::Reader::from_reader(bytes);
         let heads = table.headers().map_err(|e| e.to_string())?.clone();
-        let column = |name: &str| heads.iter().position(|head| head == name);
-        let Some(frame) = column("frame") else {
+        let Some(frame) = column(&heads, "frame") else {
             return Ok(());
         };
-        let body = column("muscle").or_else(|| column("part"));
-        let numbers = [column("volume_error"), column("penetration_m")];
+        let body = column(&heads, "muscle").or_else(|| column(&heads, "part"));
+        let numbers = ["volume_error", "penetration_m"].map(|name| column(&heads, name));
         if numbers.iter().all(Option::is_none) {
             return Ok(());
         }
@@ -176,6 +175,11 @@ impl RunMetadata {
                 self.bodies.len() - 1
             })
     }
+}
+
+/// The number of a column of a table.
+fn column(heads: &csv::StringRecord, name: &str) -> Option<usize> {
+    heads.iter().position(|head| head == name)
 }
 
 /// The bytes of a file; `None` if it does not exist.

@@ -30,14 +30,14 @@ pub(super) fn turned(path: &str) -> Option<usize> {
 
 /// The angle of a rotation as written [degrees].
 pub(super) fn degrees(path: &str, value: &str) -> Result<f64, Refused> {
-    let wanted = || Refused::Value {
+    let refused = || Refused::Value {
         path: path.to_owned(),
         value: value.to_owned(),
-        wanted: "an angle as in `30 deg`",
+        expected: "an angle as in `30 deg`",
     };
     parse(value, Dimension::Angle)
         .map(f64::to_degrees)
-        .map_err(|_| wanted())
+        .map_err(|_| refused())
 }
 
 impl Ranges {

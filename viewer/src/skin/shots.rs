@@ -12,7 +12,7 @@ use pliant::constraints::Distance;
 use pliant::fibres::BoundLines;
 use pliant::mesh::{Topology, TriangleMesh, shapes};
 use pliant::scene::Support;
-use pliant::simulation::{SkinPart, SkinRun, strain_at_vertices};
+use pliant::simulation::{SkinMeasures, SkinPart, SkinRun, strain_at_vertices};
 use pliant::skin::{Areas, CAVEATS, frame};
 
 /// Subdivisions of the icosahedron that displays a ball.
@@ -234,23 +234,13 @@ impl Skin {
                 _ => point.at(&bodies[0].positions),
             },
         };
-        let still = |pose| BoneShot {
-            pose,
-            angle: None,
-            steering: Steering::Motion,
-        };
         let mut bones = vec![still(Isometry3::identity()); run.obstacles.len()];
         if let (Support::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
             bones.push(still(
                 Translation3::from(run.ball_at(ball, part, frame).centre.coords).into(),
             ));
         }
-        let time = |part: &SkinPart| {
-            part.frames
-                .iter()
-                .find(|f| f.frame == frame)
-                .map_or(0.0, |f| 1e3 * f.time_s)
-        };
+        let time = |part: &SkinPart| measures_in(part, frame).map_or(0.0, |f| 1e3 * f.time_s);
         let own = if implants(&run.scene).is_empty() {
             Vec::new()
         } else {
@@ -281,66 +271,39 @@ impl Skin {
     /// Areas of all skin over implants, volume and pressure of each implant.
     fn readings(&self, frame: usize) -> Vec<Reading> {
         let run = &self.run;
-        let found = |part: &SkinPart| {
-            part.frames
-                .iter()
-                .find(|f| f.frame == frame)
-                .map(|f| f.areas)
-        };
-        let rest = |part: &SkinPart| Areas::of(&part.ready.layers, &part.ready.layers.rest);
         let areas: Areas = run
             .parts
             .iter()
-            .map(|part| found(part).unwrap_or_else(|| rest(part)))
+            .map(|part| {
+                let layers = &part.ready.layers;
+                measures_in(part, frame)
+                    .map_or_else(|| Areas::of(layers, &layers.rest), |f| f.areas)
+            })
             .sum();
-        let one = |name, unit, value| Reading {
-            name,
-            of: String::new(),
-            unit,
-            value,
-        };
-        let mut all = vec![
-            one("Area gained", "cm2", 1e4 * areas.gain()),
-            one("Area", "cm2", 1e4 * areas.deformed),
-        ];
-        let shells: Vec<(usize, (f64, f64))> = places(run)
-            .into_iter()
-            .enumerate()
-            .map(|(k, (part, s))| {
-                let row = part.frames.iter().find(|f| f.frame == frame);
-                (
-                    k,
-                    row.and_then(|f| f.shells.get(s).copied())
-                        .unwrap_or((0.0, 0.0)),
-                )
+        let places = places(run);
+        let shells: Vec<(f64, f64)> = places
+            .iter()
+            .map(|(part, s)| {
+                let shell = measures_in(part, frame).and_then(|f| f.shells.get(*s).copied());
+                shell.unwrap_or((0.0, 0.0))
             })
             .collect();
+        // A single implant needs no name.
         let of = |k: usize| {
-            if shells.len() > 1 {
-                run.name_of(k).to_owned()
-            } else {
-                String::new()
-            }
+            if shells.len() > 1 { run.name_of(k) } else { "" }
         };
-        let volume = |(k, (volume, _)): &(usize, (f64, f64))| Reading {
-            name: "Volume",
-            of: of(*k),
-            unit: "cc",
-            value: 1e6 * volume,
-        };
-        let pressure = |(k, (_, pressure)): &(usize, (f64, f64))| Reading {
-            name: "Pressure",
-            of: of(*k),
-            unit: "kPa",
-            value: 1e-3 * pressure,
-        };
-        all.extend(shells.iter().map(volume));
-        all.extend(shells.iter().map(pressure));
-        all.push(one(
-            "Greatest stretch",
-            "%",
-            100.0 * (areas.stretch_max - 1.0),
-        ));
+        let mut all = vec![
+            reading("Area gained", "", "cm2", 1e4 * areas.gain()),
+            reading("Area", "", "cm2", 1e4 * areas.deformed),
+        ];
+        for (k, (volume, _)) in shells.iter().enumerate() {
+            all.push(reading("Volume", of(k), "cc", 1e6 * volume));
+        }
+        for (k, (_, pressure)) in shells.iter().enumerate() {
+            all.push(reading("Pressure", of(k), "kPa", 1e-3 * pressure));
+        }
+        let stretch = 100.0 * (areas.stretch_max - 1.0);
+        all.push(reading("Greatest stretch", "", "%", stretch));
         all
     }
 
@@ -360,5 +323,28 @@ impl Skin {
             vertex,
             values,
         }
+    }
+}
+
+/// A bone that moves with nothing.
+fn still(pose: Isometry3<f64>) -> BoneShot {
+    BoneShot {
+        pose,
+        angle: None,
+        steering: Steering::Motion,
+    }
+}
+
+/// The measures of a part in exactly this frame.
+fn measures_in(part: &SkinPart, frame: usize) -> Option<&SkinMeasures> {
+    part.frames.iter().find(|f| f.frame == frame)
+}
+
+fn reading(name: &'static str, of: &str, unit: &'static str, value: f64) -> Reading {
+    Reading {
+        name,
+        of: of.to_owned(),
+        unit,
+        value,
     }
 }

@@ -88,14 +88,14 @@ pub(super) struct Checked {
     #[serde(flatten)]
     pub health: Health,
     /// Defects of the mesh.
-    pub findings: Vec<Told>,
+    pub findings: Vec<Observation>,
     /// Result of the repair.
     pub repair: Option<Mended>,
 }
 
 /// A defect of the mesh or a warning of the reader, with its repair.
 #[derive(Clone, Serialize)]
-pub(super) struct Told {
+pub(super) struct Observation {
     pub code: &'static str,
     pub count: usize,
     pub message: String,
@@ -108,7 +108,7 @@ pub(super) struct Told {
     pub offset: Option<usize>,
 }
 
-impl Told {
+impl Observation {
     fn of(finding: &Finding) -> Self {
         Self {
             code: finding.kind.code(),
@@ -171,7 +171,7 @@ pub(super) struct Mended {
     /// Number of polylines that the format of the file cannot store.
     pub lines_lost: usize,
     pub health: Health,
-    pub findings: Vec<Told>,
+    pub findings: Vec<Observation>,
 }
 
 impl Checked {
@@ -198,8 +198,8 @@ pub(super) fn check(
         Err(error) => return failed(of_reading(error)),
     };
     let health = Health::with_lines(&read.mesh, &read.lines);
-    let mut findings: Vec<Told> = health.findings.iter().map(Told::of).collect();
-    findings.extend(read.warnings.iter().map(Told::of_reader));
+    let mut findings: Vec<Observation> = health.findings.iter().map(Observation::of).collect();
+    findings.extend(read.warnings.iter().map(Observation::of_reader));
     findings.extend(size_warning(&health, unit));
     let likely = if unit.is_some() {
         Vec::new()
@@ -243,7 +243,7 @@ fn mend(read: &MeshFile, target: &Path, options: &RepairOptions) -> Result<Mende
     Ok(Mended {
         file: target.display().to_string(),
         fit: health.is_fit(),
-        findings: health.findings.iter().map(Told::of).collect(),
+        findings: health.findings.iter().map(Observation::of).collect(),
         changes: repaired.changes,
         moved: repaired.moved,
         distance: (!unchanged).then(|| deviation(&read.mesh, &repaired.mesh)),
@@ -255,10 +255,10 @@ fn mend(read: &MeshFile, target: &Path, options: &RepairOptions) -> Result<Mende
 /// Limits of plausible sizes [m].
 const ODD: [f64; 2] = [1e-3, 100.0];
 
-fn size_warning(health: &Health, unit: Option<f64>) -> Option<Told> {
+fn size_warning(health: &Health, unit: Option<f64>) -> Option<Observation> {
     let side = health.length() * unit?;
     let odd = !(ODD[0]..=ODD[1]).contains(&side);
-    odd.then(|| Told {
+    odd.then(|| Observation {
         code: "W014",
         count: 1,
         message: format!("in this unit the longest side is {side:e} m"),

@@ -1,6 +1,6 @@
 //! The results as text: all details for one mesh, one line each for several.
 
-use super::checked::{Checked, Mended, Outcome, Told};
+use super::checked::{Checked, Mended, Observation, Outcome};
 use crate::report::Table;
 use pliant::mesh::Health;
 
@@ -13,8 +13,8 @@ pub(super) fn report(outcomes: &[Outcome], unit: Option<&str>) -> String {
         _ => table(&all, unit),
     };
     for checked in &all {
-        for told in &checked.findings {
-            text.push_str(&finding(&checked.file, told));
+        for observation in &checked.findings {
+            text.push_str(&finding(&checked.file, observation));
         }
         if let Some(mended) = &checked.repair {
             text.push_str(&changes(checked, mended, unit));
@@ -41,16 +41,20 @@ pub(super) fn report(outcomes: &[Outcome], unit: Option<&str>) -> String {
     text
 }
 
-fn finding(file: &str, told: &Told) -> String {
-    let kind = if told.refuses() { "error" } else { "warning" };
-    let line = match (told.line, told.offset) {
+fn finding(file: &str, observation: &Observation) -> String {
+    let kind = if observation.refuses() {
+        "error"
+    } else {
+        "warning"
+    };
+    let line = match (observation.line, observation.offset) {
         (Some(line), _) => format!("{line}:"),
         (None, Some(offset)) => format!(" offset {offset:#x}:"),
         (None, None) => String::new(),
     };
     format!(
         "{file}:{line} {kind}[{}]: {}; {}\n",
-        told.code, told.message, told.repair
+        observation.code, observation.message, observation.repair
     )
 }
 
@@ -227,6 +231,14 @@ fn table(all: &[&Checked], unit: Option<&str>) -> String {
     format!("{}{note}\n\n", table.to_text())
 }
 
+/// A distance in mm if the unit of the file is known, otherwise in the unit of the file.
+fn length(distance: f64, unit_m: Option<f64>) -> String {
+    match unit_m {
+        Some(metres) => format!("{} mm", short(distance * metres * 1e3)),
+        None => short(distance),
+    }
+}
+
 fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {
     let verdict = if mended.fit {
         "fit for simulation"
@@ -240,19 +252,17 @@ fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {
     for change in &mended.changes {
         text.push_str(&format!("  {}\n", change.message));
     }
-    let length = |distance: f64| match (unit, checked.unit_m) {
-        (Some(_), Some(metres)) => format!("{} mm", short(distance * metres * 1e3)),
-        _ => short(distance),
+    let unit_m = unit.and(checked.unit_m);
+    let side = |distance: Option<f64>| {
+        distance.map_or_else(|| "nothing to measure".to_owned(), |d| length(d, unit_m))
     };
-    let side =
-        |distance: Option<f64>| distance.map_or_else(|| "nothing to measure".to_owned(), length);
     let Mended {
         distance, moved, ..
     } = mended;
     if let Some(distance) = distance {
         text.push_str(&format!(
             "  vertices moved by at most {}; the surface as read is at most {} from the repaired one, which is at most {} from it\n",
-            length(*moved),
+            length(*moved, unit_m),
             side(distance.lost),
             side(distance.added)
         ));
@@ -264,15 +274,15 @@ fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {
         ));
     }
     // Messages about the original mesh are not repeated.
-    let known =
-        |told: &&Told| !told.refuses() && checked.findings.iter().any(|f| f.code == told.code);
-    for told in mended.findings.iter().filter(|told| !known(told)) {
-        text.push_str(&finding(&mended.file, told));
+    let is_known =
+        |new: &&Observation| !new.refuses() && checked.findings.iter().any(|f| f.code == new.code);
+    for new in mended.findings.iter().filter(|new| !is_known(new)) {
+        text.push_str(&finding(&mended.file, new));
     }
     let rest: Vec<String> = mended
         .findings
         .iter()
-        .filter(known)
+        .filter(is_known)
         .map(|t| format!("{} ({})", t.code, t.count))
         .collect();
     if !rest.is_empty() {

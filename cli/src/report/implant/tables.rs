@@ -44,86 +44,121 @@ const ROWS: [(&str, Cell); 11] = [
     ("at rest", |one| one.done.progress.rest().to_owned()),
 ];
 
+/// Areas [m^2] as text in cm2, with decimals that suit their gain.
+struct AreaFormat {
+    before: f64,
+    /// Decimals of an area that depends on a published range; a computed one has one more.
+    decimals: usize,
+}
+
+impl AreaFormat {
+    fn new(areas: &Areas) -> Self {
+        Self {
+            before: areas.before,
+            decimals: decimals(areas.gain()),
+        }
+    }
+
+    fn area(&self, m2: f64) -> String {
+        format!("{:.1$}", m2 * 1e4, self.decimals + 1)
+    }
+
+    fn gain(&self, m2: f64) -> String {
+        format!("{:+.1$}", (m2 - self.before) * 1e4, self.decimals + 1)
+    }
+
+    fn range(&self, m2: Interval) -> String {
+        let few = self.decimals;
+        format!("{:.few$} to {:.few$}", m2.low * 1e4, m2.high * 1e4)
+    }
+
+    fn gain_range(&self, m2: Interval) -> String {
+        let [low, high] = [m2.low, m2.high].map(|m2| (m2 - self.before) * 1e4);
+        let few = self.decimals;
+        format!("{low:+.few$} to {high:+.few$}")
+    }
+}
+
 impl Insertion<'_> {
     /// The table for a surgeon.
     pub fn table(&self) -> Table {
-        let areas = self.areas();
         let mut table = Table::new("Areas and volumes", ["what", "value", "gain", "source"]);
-        let few = decimals(areas.gain());
-        let more = few + 1;
-        let cm2 = |m2: f64| format!("{:.more$}", m2 * 1e4);
-        let gained = |m2: f64| format!("{:+.more$}", (m2 - areas.before) * 1e4);
-        let span = |i: Interval| format!("{:.few$} to {:.few$}", i.low * 1e4, i.high * 1e4);
-        let span_gained = |i: Interval| {
-            format!(
-                "{:+.few$} to {:+.few$}",
-                (i.low - areas.before) * 1e4,
-                (i.high - areas.before) * 1e4
-            )
-        };
-        let mut row = |what: &str, value: String, gain: String, source: &str| {
-            table.row([what.to_owned(), value, gain, source.to_owned()]);
-        };
-        row(
-            "area before [cm2]",
-            cm2(areas.before),
-            String::new(),
-            "the mesh",
-        );
-        row(
-            "area deformed [cm2]",
-            cm2(areas.deformed),
-            gained(areas.deformed),
-            "equilibrium: an upper bound",
-        );
-        if let Some(off) = self.gain_uncertainty() {
-            let off = format!("±{:.more$}", off * 1e4);
-            row(
-                "   of it uncertain by the mesh [cm2]",
-                String::new(),
-                off,
-                "changed by so much from edges twice as long",
-            );
+        for (what, value, gain, source) in self.area_rows().into_iter().chain(self.volume_rows()) {
+            table.row([what, value, gain, source.to_owned()]);
         }
-        row(
-            "area retracted [cm2]",
-            span(areas.retracted),
-            span_gained(areas.retracted),
-            RETRACTED_SOURCE,
-        );
-        row(
-            "area grown [cm2]",
-            span(areas.grown),
-            span_gained(areas.grown),
-            GROWN_SOURCE,
-        );
-        let cc = |m3: f64| format!("{:.1}", m3 * 1e6);
-        row(
-            "volume of implants [cc]",
-            cc(self.volume()),
-            String::new(),
-            "kept exactly",
-        );
-        row(
-            "volume difference of the region [cc]",
-            cc(areas.volume_difference),
-            String::new(),
-            "closed at its rim",
-        );
-        row(
-            "greatest stretch",
-            format!("{:.2}", areas.stretch_max),
-            String::new(),
-            "of a triangle, any direction",
-        );
-        let over = format!("{:.1}", self.over_limit() * 1e4);
-        row(
-            &format!("area stretched over {:.2} [cm2]", self.limit),
-            over,
-            String::new(),
-            "the limit that was given",
-        );
         table
+    }
+
+    /// Name, value, gain and source of each area.
+    fn area_rows(&self) -> Vec<(String, String, String, &'static str)> {
+        let areas = self.areas();
+        let cm2 = AreaFormat::new(&areas);
+        let mut rows = vec![
+            (
+                "area before [cm2]".to_owned(),
+                cm2.area(areas.before),
+                String::new(),
+                "the mesh",
+            ),
+            (
+                "area deformed [cm2]".to_owned(),
+                cm2.area(areas.deformed),
+                cm2.gain(areas.deformed),
+                "equilibrium: an upper bound",
+            ),
+        ];
+        if let Some(error) = self.gain_uncertainty() {
+            rows.push((
+                "   of it uncertain by the mesh [cm2]".to_owned(),
+                String::new(),
+                format!("±{}", cm2.area(error)),
+                "changed by so much from edges twice as long",
+            ));
+        }
+        rows.push((
+            "area retracted [cm2]".to_owned(),
+            cm2.range(areas.retracted),
+            cm2.gain_range(areas.retracted),
+            RETRACTED_SOURCE,
+        ));
+        rows.push((
+            "area grown [cm2]".to_owned(),
+            cm2.range(areas.grown),
+            cm2.gain_range(areas.grown),
+            GROWN_SOURCE,
+        ));
+        rows
+    }
+
+    /// Name, value, no gain and source of the volumes and the stretch.
+    fn volume_rows(&self) -> [(String, String, String, &'static str); 4] {
+        let areas = self.areas();
+        [
+            (
+                "volume of implants [cc]".to_owned(),
+                format!("{:.1}", self.volume() * 1e6),
+                String::new(),
+                "kept exactly",
+            ),
+            (
+                "volume difference of the region [cc]".to_owned(),
+                format!("{:.1}", areas.volume_difference * 1e6),
+                String::new(),
+                "closed at its rim",
+            ),
+            (
+                "greatest stretch".to_owned(),
+                format!("{:.2}", areas.stretch_max),
+                String::new(),
+                "of a triangle, any direction",
+            ),
+            (
+                format!("area stretched over {:.2} [cm2]", self.limit),
+                format!("{:.1}", self.over_limit() * 1e4),
+                String::new(),
+                "the limit that was given",
+            ),
+        ]
     }
 
     /// How it was found.
@@ -150,10 +185,12 @@ impl Insertion<'_> {
             .iter()
             .find(|point| of(point.implant).count() > 1)?;
         let own: Vec<&Point> = of(first.implant).collect();
-        let over = |point: &Point| point.day.unwrap_or(point.volume * 1e6);
         let points = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
             own.iter()
-                .map(|point| (over(point), (of(&point.areas) - point.areas.before) * 1e4))
+                .map(|point| {
+                    let x = point.day.unwrap_or(point.volume * 1e6);
+                    (x, (of(&point.areas) - point.areas.before) * 1e4)
+                })
                 .collect()
         };
         let axis = if first.day.is_some() {
@@ -184,18 +221,14 @@ impl Insertion<'_> {
         let head = head.into_iter().chain(["greatest stretch", "at rest"]);
         let mut table = Table::new("Areas gained by volume", head);
         for point in &self.curve {
-            let gained = |m2: f64| (m2 - point.areas.before) * 1e4;
-            let few = decimals(point.areas.gain());
-            let more = few + 1;
-            let span =
-                |i: Interval| format!("{:+.few$} to {:+.few$}", gained(i.low), gained(i.high));
+            let cm2 = AreaFormat::new(&point.areas);
             table.row([
                 self.called(point.implant),
                 point.day.map_or("–".to_owned(), |day| day.to_string()),
                 format!("{:.1}", point.volume * 1e6),
-                format!("{:+.more$}", gained(point.areas.deformed)),
-                span(point.areas.retracted),
-                span(point.areas.grown),
+                cm2.gain(point.areas.deformed),
+                cm2.gain_range(point.areas.retracted),
+                cm2.gain_range(point.areas.grown),
                 format!("{:.2}", point.areas.stretch_max),
                 point.progress.rest().to_owned(),
             ]);

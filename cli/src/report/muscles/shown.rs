@@ -60,17 +60,21 @@ pub(super) fn plots(muscles: &[MuscleSummary], plan: &Plan, record: &Record) -> 
     let distance = add(frame("Distance from the start, rms [mm]"), "", &|m| {
         m.distance_from_start_rms_m * 1e3
     });
-    let runs = |effect: &str| plan.run.iter().any(|p| p.effect.starts_with(effect));
     let mut plots = Vec::new();
-    if runs("volume") {
+    if runs(plan, "volume") {
         plots.push(volume.with_limit("limit", pliant::simulation::VOLUME_HELD));
     }
     plots.push(stretch);
-    if runs("contact") {
+    if runs(plan, "contact") {
         plots.extend([depth, counts]);
     }
     plots.extend([distance, times(record)]);
     plots
+}
+
+/// True if an effect whose name begins with `effect` runs.
+fn runs(plan: &Plan, effect: &str) -> bool {
+    plan.run.iter().any(|p| p.effect.starts_with(effect))
 }
 
 fn times(record: &Record) -> LinePlot {

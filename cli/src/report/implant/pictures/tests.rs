@@ -1,4 +1,6 @@
+use super::super::section::{oriented, under};
 use super::*;
+use pliant::mesh::Topology;
 use pliant::mesh::shapes::icosphere;
 use pliant::skin::{ImplantPlace, ImplantSpec, insert};
 
