@@ -64,7 +64,7 @@ pub enum Refused {
     #[error("it is of another simulation, which differs in {}", list(.0))]
     Differs(Vec<String>),
     /// The frame of the checkpoint is after the last frame of the scene.
-    #[error("it is of frame {frame}, beyond the last expected, {frames}")]
+    #[error("it is of frame {frame}, but the run ends at frame {frames}")]
     Beyond {
         /// Frame of the checkpoint.
         frame: usize,

@@ -186,7 +186,7 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
     );
     refuse(
         &["distance", "--frames", "3", "--resume"],
-        &["of frame 4, beyond the last wanted, 3", "--frames"],
+        &["of frame 4, but the run ends at frame 3", "--frames"],
     );
     let frame = out.join("frames/muscle_0002.vtp");
     let kept = fs::read(&frame).unwrap();

@@ -263,17 +263,29 @@ fn the_plan_tells_what_runs_and_why_the_rest_does_not() {
         .find(|row| row["effect"] == "two layers of skin")
         .unwrap();
     assert_eq!(layers["elements"], 22176);
-    // An obstacle out of reach is omitted.
+    // An obstacle out of reach is omitted, unless all are: then their unit is suspect.
     let scratch = Scratch::folder();
     let scene = scratch.join("far.toml");
     let far = FLAT.to_owned() + "[[obstacle]]\nname = 'far'\nmesh = 'far.obj'\nunit = 'm'\n";
-    fs::write(&scene, far).unwrap();
+    fs::write(&scene, &far).unwrap();
     fs::write(
         scratch.join("far.obj"),
         "v 5 0 0\nv 6 0 0\nv 5 1 0\nv 5 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n",
     )
     .unwrap();
+    let refused = run(&["plan", shown(&scene)]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("no obstacle lies under the implant"));
+    let near = "[[obstacle]]\nname = 'near'\nmesh = 'near.obj'\nunit = 'm'\n";
+    fs::write(&scene, far + near).unwrap();
+    fs::write(
+        scratch.join("near.obj"),
+        "v -0.2 -0.2 -0.03\nv 0.2 -0.2 -0.03\nv 0 0.3 -0.03\nv 0 0 -0.2\n\
+         f 1 2 3\nf 1 4 2\nf 2 4 3\nf 3 4 1\n",
+    )
+    .unwrap();
     let found = plan(&[shown(&scene)]);
+    assert!(has(&found["run"], "contact with near"), "{found}");
     assert!(has(&found["left_out"], "contact with far") && !has(&found["run"], "contact with far"));
     assert!(has(&plan(&["lattice"])["run"], "springs"));
 }
@@ -475,7 +487,7 @@ fn wrong_scenes_say_where_and_what_to_change() {
             &["run", "flat-implant", "--accuracy", "1 %"],
             "`pliant accuracy` tells which `edge_length`",
         ),
-        (&["accuracy", "lattice"], "varies `lattice.points`"),
+        (&["accuracy", "lattice"], "such as `lattice.points`"),
         (
             &["accuracy", "flat-implant", "--frames", "3"],
             "leave --frames out",
