@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_are_a_right_handed_frame_whatever_is_asked() {
+    fn axes_are_a_right_handed_frame_for_any_view() {
         let odd = [0.0, 1.0, -1.0, f64::NAN, f64::INFINITY, 1e-300, 1e300];
         for &a in &odd {
             for &b in &odd {

@@ -170,9 +170,9 @@ mod tests {
             .filter_map(|row| frame.pixel(column, row))
             .collect();
         for t in [0.02, 0.5, 0.98] {
-            let wanted = quantise(ColourMap::Diverging.colour(t));
-            let near = |p: &[u8; 3]| p.iter().zip(&wanted).all(|(a, b)| a.abs_diff(*b) < 4);
-            assert!(bar.iter().any(near), "no {wanted:?} in the bar");
+            let expected = quantise(ColourMap::Diverging.colour(t));
+            let near = |p: &[u8; 3]| p.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) < 4);
+            assert!(bar.iter().any(near), "no {expected:?} in the bar");
         }
         let ticks = (0..300)
             .filter(|row| frame.pixel(column + 18, *row) == Some(quantise(INK)))

@@ -107,12 +107,13 @@ mod tests {
             "nothing of what did not change"
         );
         for (frame, over) in frames.iter().zip(&shown) {
-            let laid = shown[0]
+            let placed = shown[0]
                 .iter()
                 .zip(over)
                 .map(|(first, over)| if over[3] == 0 { first } else { over });
             assert!(
-                laid.map(|p| &p[..3])
+                placed
+                    .map(|p| &p[..3])
                     .eq(frame.pixels().iter().map(|p| &p[..]))
             );
         }

@@ -12,9 +12,9 @@ pub struct Ticks {
 }
 
 impl Ticks {
-    /// About `wanted` multiples of 1, 2 or 5 times a power of ten inside `range`; none for a range
+    /// About `count` multiples of 1, 2 or 5 times a power of ten inside `range`; none for a range
     /// that is not finite.
-    pub fn linear(range: (f64, f64), wanted: usize) -> Self {
+    pub fn linear(range: (f64, f64), count: usize) -> Self {
         let (low, high) = (range.0.min(range.1), range.0.max(range.1));
         // Beyond these sizes a step is no normal number.
         if range.0.is_nan() || range.1.is_nan() || !(low.abs() < 1e300 && high.abs() < 1e300) {
@@ -23,7 +23,7 @@ impl Ticks {
                 labels: Vec::new(),
             };
         }
-        let step = round_step((high - low) / wanted.max(1) as f64);
+        let step = round_step((high - low) / count.max(1) as f64);
         let Some(step) = step.filter(|step| *step > 4.0 * f64::EPSILON * low.abs().max(high.abs()))
         else {
             return Self {
@@ -46,7 +46,7 @@ impl Ticks {
 
     /// Powers of ten in a positive range; every second or third if there are many, with their
     /// multiples by 2 and 5 if there are few. None for another range.
-    pub fn logarithmic(range: (f64, f64), wanted: usize) -> Self {
+    pub fn logarithmic(range: (f64, f64), count: usize) -> Self {
         let (low, high) = (range.0.min(range.1), range.0.max(range.1));
         if !(low > 0.0 && high.is_finite()) {
             return Self {
@@ -58,7 +58,7 @@ impl Ticks {
             (libm::log10(low) - 1e-9).ceil() as i32,
             (libm::log10(high) + 1e-9).floor() as i32,
         );
-        let every = ((last - first).max(0) as usize / wanted.max(1) + 1) as i32;
+        let every = ((last - first).max(0) as usize / count.max(1) + 1) as i32;
         let powers: Vec<i32> = (first..=last)
             .filter(|p| p.rem_euclid(every) == 0)
             .collect();
@@ -66,7 +66,7 @@ impl Ticks {
             let multiples = (first - 1..=last)
                 .flat_map(|p| [1.0, 2.0, 5.0].map(|m| m * libm::pow(10.0, f64::from(p))));
             let values: Vec<f64> = multiples.filter(|v| (low..=high).contains(v)).collect();
-            if values.len() > powers.len() && values.len() <= wanted + 2 {
+            if values.len() > powers.len() && values.len() <= count + 2 {
                 return Self {
                     labels: values.iter().map(|v| number(*v)).collect(),
                     values,
@@ -133,8 +133,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn labels(low: f64, high: f64, wanted: usize) -> Vec<String> {
-        Ticks::linear((low, high), wanted).labels
+    fn labels(low: f64, high: f64, count: usize) -> Vec<String> {
+        Ticks::linear((low, high), count).labels
     }
 
     #[test]
@@ -175,19 +175,19 @@ mod tests {
 
     proptest! {
         #[test]
-        fn rising_inside_and_few(a in any::<f64>(), b in any::<f64>(), wanted in 1usize..20) {
-            let ticks = Ticks::linear((a, b), wanted);
-            prop_assert!(ticks.values.len() <= wanted * 3 / 2 + 2);
+        fn rising_inside_and_few(a in any::<f64>(), b in any::<f64>(), count in 1usize..20) {
+            let ticks = Ticks::linear((a, b), count);
+            prop_assert!(ticks.values.len() <= count * 3 / 2 + 2);
             prop_assert!(ticks.values.windows(2).all(|p| p[0] < p[1]));
-            let ticks = Ticks::logarithmic((a.abs(), b.abs()), wanted);
-            prop_assert!(ticks.values.len() <= wanted + 2);
+            let ticks = Ticks::logarithmic((a.abs(), b.abs()), count);
+            prop_assert!(ticks.values.len() <= count + 2);
             prop_assert!(ticks.values.windows(2).all(|p| p[0] < p[1]));
         }
 
         #[test]
-        fn labels_tell_values_apart(low in -1e4..1e4f64, size in 1e-6..1e4f64, wanted in 2usize..12) {
-            let ticks = Ticks::linear((low, low + size), wanted);
-            prop_assert!(ticks.values.len() >= wanted / 2, "{:?}", ticks);
+        fn labels_tell_values_apart(low in -1e4..1e4f64, size in 1e-6..1e4f64, count in 2usize..12) {
+            let ticks = Ticks::linear((low, low + size), count);
+            prop_assert!(ticks.values.len() >= count / 2, "{:?}", ticks);
             for (value, text) in ticks.values.iter().zip(&ticks.labels) {
                 let read: f64 = text.parse().expect("a number");
                 prop_assert!((read - value).abs() <= 1e-6 * size, "{} {}", value, text);

@@ -36,7 +36,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 struct Hand {
     /// The present angle and the target angle [rad].
     angle: f64,
-    wanted: f64,
+    target: f64,
     /// The motion of the bone without this rotation: pose = turn(angle) offset.
     offset: Isometry3<f64>,
 }
@@ -271,9 +271,9 @@ impl Muscles {
         self.hold(fixed)
     }
 
-    fn turn(&mut self, bone: usize, wanted: f64) -> Result<(), Refused> {
+    fn turn(&mut self, bone: usize, target: f64) -> Result<(), Refused> {
         check_index("bone", bone, self.hands.len())?;
-        check_number("an angle", wanted, false)?;
+        check_number("an angle", target, false)?;
         let frame = self.simulation.frame() as f64;
         let pose = self.simulation.pose(bone, frame);
         let scene = &self.scene.bones[bone];
@@ -283,12 +283,12 @@ impl Muscles {
             });
         };
         match &mut self.hands[bone] {
-            Some(hand) => hand.wanted = wanted,
+            Some(hand) => hand.target = target,
             none => {
                 let angle = angle(joint, &pose);
                 *none = Some(Hand {
                     angle,
-                    wanted,
+                    target,
                     offset: joint.pose(angle).inverse() * pose,
                 });
                 self.steering[bone] = Steering::Hand;
@@ -304,10 +304,10 @@ impl Muscles {
         for bone in 0..self.steering.len() {
             let motion = &self.scene.bones[bone].motion;
             match (self.steering[bone], &mut self.hands[bone], &motion.joint) {
-                (Steering::Hand, Some(hand), Some(joint)) if hand.angle != hand.wanted => {
-                    let left = hand.wanted - hand.angle;
+                (Steering::Hand, Some(hand), Some(joint)) if hand.angle != hand.target => {
+                    let left = hand.target - hand.angle;
                     hand.angle = if left.abs() <= MOST_TURN {
-                        hand.wanted
+                        hand.target
                     } else {
                         hand.angle + MOST_TURN.copysign(left)
                     };

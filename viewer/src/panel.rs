@@ -526,7 +526,7 @@ impl List {
         let spec = scene.solver.spec();
         // A solver without an energy has nothing that an error could be measured against.
         if spec.question.is_some() {
-            let wished = match scene.accuracy {
+            let target = match scene.accuracy {
                 Some(Accuracy::Share(share)) => 100.0 * share,
                 // One per cent by default, or one in millimetres.
                 _ => 1.0,
@@ -538,9 +538,9 @@ impl List {
             };
             self.slider(
                 "solver",
-                "accuracy wished",
+                "target accuracy",
                 Target::Path("accuracy".to_owned()),
-                wished,
+                target,
                 shown,
             );
         }

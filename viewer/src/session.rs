@@ -246,7 +246,7 @@ impl Session {
     pub fn wait(
         &self,
         longest: Duration,
-        wanted: impl Fn(&Snapshot) -> bool,
+        condition: impl Fn(&Snapshot) -> bool,
     ) -> Option<Arc<Snapshot>> {
         let end = Instant::now() + longest;
         let mut latest = self
@@ -255,7 +255,7 @@ impl Session {
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
         loop {
-            if wanted(&latest) {
+            if condition(&latest) {
                 return Some(latest.clone());
             }
             let left = end

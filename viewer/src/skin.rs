@@ -110,7 +110,7 @@ impl Skin {
     }
 
     /// The recipe with all pending changes.
-    fn wanted(&self) -> &Recipe {
+    fn pending(&self) -> &Recipe {
         self.moving
             .as_ref()
             .map_or(&self.recipe, |moving| &moving.recipe)
@@ -125,33 +125,33 @@ impl Skin {
 
     fn set(&mut self, path: &str, value: &str) -> Result<(), Refused> {
         let Some(implant) = controls::turned(path) else {
-            return self.change(self.wanted().with(path, value));
+            return self.change(self.pending().with(path, value));
         };
         check_index("implant", implant, self.points.len())?;
         let degrees = controls::degrees(path, value)?;
         let long = self.points[implant].along(degrees.to_radians());
         let parts = [long.x, long.y, long.z].map(|c| c.to_string()).join(", ");
         self.change(
-            self.wanted()
+            self.pending()
                 .with(&format!("implant.{implant}.long"), &format!("[{parts}]")),
         )
     }
 
     fn restore(&mut self, path: &str) -> Result<(), Refused> {
         let recipe = match (controls::turned(path), path.strip_suffix(".at")) {
-            (Some(implant), _) => self.wanted().without(&format!("implant.{implant}.long")),
+            (Some(implant), _) => self.pending().without(&format!("implant.{implant}.long")),
             // A move has also removed the key of the near vertex.
             (None, Some(implant)) => self
-                .wanted()
+                .pending()
                 .without(path)
                 .without(&format!("{implant}.near_vertex")),
-            _ => self.wanted().without(path),
+            _ => self.pending().without(path),
         };
         self.change(recipe)
     }
 
     fn reset(&mut self) -> Result<(), Refused> {
-        self.change(self.wanted().clone())?;
+        self.change(self.pending().clone())?;
         self.reached = 0;
         self.describe();
         Ok(())
@@ -175,7 +175,7 @@ impl Skin {
         let point = PickedPoint::new(&shown, &skin.triangles, found.triangle, &found.point);
         let at = point.at(&skin.vertices);
         let parts = [at.x, at.y, at.z].map(|c| format!("\"{c} m\"")).join(", ");
-        let mut recipe = self.wanted().clone();
+        let mut recipe = self.pending().clone();
         let order = &implants(&self.run.scene)[implant].order;
         if matches!(order.place, ImplantPlace::Vertex(_)) {
             recipe = recipe.with(&format!("implant.{implant}.near_vertex"), "none");

@@ -185,22 +185,22 @@ impl Written {
                 })?)
             }
             Self::Near(path, within) => Loaded::Near(read_mesh(path, unit)?, *within),
-            Self::Patch(path, wanted) => {
+            Self::Patch(path, number) => {
                 let whole = read_mesh(path, unit)?;
                 Loaded::Patch(
-                    component(&whole, *wanted)
-                        .ok_or_else(|| no_component(option, path, &whole, *wanted))?,
+                    component(&whole, *number)
+                        .ok_or_else(|| no_component(option, path, &whole, *number))?,
                 )
             }
         })
     }
 }
 
-fn no_component(option: &str, path: &Path, whole: &TriangleMesh, wanted: Option<usize>) -> Failure {
+fn no_component(option: &str, path: &Path, whole: &TriangleMesh, number: Option<usize>) -> Failure {
     let count = pliant::mesh::Topology::new(whole).components().count;
-    let (shown, wanted) = (path.display(), wanted.unwrap_or(0));
+    let (shown, number) = (path.display(), number.unwrap_or(0));
     let message = format!(
-        "{option}: {shown} has no component {wanted}; it has {count}, counted from 0 by falling area"
+        "{option}: {shown} has no component {number}; it has {count}, counted from 0 by falling area"
     );
     Failure::usage(
         message,
@@ -251,8 +251,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_area_is_told() {
-        for (text, told) in [
+    fn text_that_is_no_area_is_refused() {
+        for (text, expected) in [
             ("", "names no file"),
             ("#0", "names no file"),
             ("vertices:", "names no file"),
@@ -271,7 +271,7 @@ mod tests {
             ("[4294967295]", "`4294967295`"),
         ] {
             let error = text.parse::<Written>().expect_err(text);
-            assert!(error.to_string().contains(told), "{text}: {error}");
+            assert!(error.to_string().contains(expected), "{text}: {error}");
             assert!(!error.help().is_empty());
         }
         let error = vertices("1\n2 v 3\n").expect_err("a word");

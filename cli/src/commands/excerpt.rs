@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn a_word_of_a_text_has_a_caret() {
-        let wanted = "E011
+        let expected = "E011
 
   x expected a number
    ,-[a.obj:3:5]
@@ -296,7 +296,7 @@ mod tests {
             "a.obj",
             "v 0 0 0\r\nv 1 0 0\rv 1 \u{e9} 2x 3\nf 1 2 3\n".as_bytes(),
         );
-        assert_eq!(text, wanted);
+        assert_eq!(text, expected);
         // The byte order mark of UTF-8 and tabs do not move the caret; the content is described.
         let marked = shown("b.ply", "\u{feff}v\t0 0 0\nv\t1\t1,5 3\n".as_bytes());
         assert!(

@@ -196,7 +196,7 @@ mod tests {
         let error =
             pliant::scene::parse(text, "s.toml", std::path::Path::new(".")).expect_err("refused");
         let handler = GraphicalReportHandler::new_themed(miette::GraphicalTheme::none());
-        let wanted = "E052
+        let expected = "E052
 
   x unknown key `tickness`, did you mean `thickness`?
     ,-[s.toml:10:1]
@@ -207,7 +207,7 @@ mod tests {
     `----
   help: known keys here: thickness, friction";
         let shown = graphical(&SceneDiagnostic::new(&error), &handler);
-        assert_eq!(shown.as_deref(), Some(wanted));
+        assert_eq!(shown.as_deref(), Some(expected));
     }
 
     proptest::proptest! {

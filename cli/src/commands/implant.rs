@@ -37,7 +37,7 @@ the implant's, by the gap beside it that taut skin spans.
 
 Obstacles are meshes of bones and the like, in the unit of the skin, under it: at least one must lie under the implant, within
 two bases below the skin. Implant and skin come to lie over them. Without any, the implant lies on what was under the skin
-before, which does not give way.
+before, which is rigid.
 
 Exit codes: 0 all is at rest; 1 a skin or implant did not come to rest, or files could not be written; 2 bad usage or input, or a
 folder that cannot be written to, before anything is computed; 130 after Ctrl-C, with the frames that are at rest.")]

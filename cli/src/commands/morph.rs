@@ -16,7 +16,7 @@ use crate::report::morph::{Carried, Morph, Shape};
 use pliant::io::{self, PointData};
 use pliant::mesh::TriangleMesh;
 use pliant::morph::AlignError;
-use pliant::morph::blend::{self, BlendError, Laplacian, Path as Way};
+use pliant::morph::blend::{self, BlendError, Laplacian};
 use pliant::morph::{
     Correspondence, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, Shared,
 };
@@ -39,7 +39,7 @@ PAIRS is a text file with a line `VERTEX_OF_A VERTEX_OF_B` for each pair that mu
 or six coordinates `X Y Z X Y Z` in the unit of the files, each of which means the nearest vertex; # begins a comment.
 
 Numbers at the vertices are read from .vtp files. Arrays of one name in both are blended, others carried along; frames also
-hold `origin` (0: a vertex of A, 1: of B, 2: a crossing of edges) and `way` (how far the vertex goes).
+hold `origin` (0: a vertex of A, 1: of B, 2: a crossing of edges) and `displacement` (how far the vertex moves).
 
 Results in pliant-out/A-B-morph: frames/*.vtp, A-B.pvd, A-B.gif, sheet.png, spheres.png, measures.csv (volume and area over t),
 summary.json, report.html.
@@ -203,14 +203,14 @@ fn shapes(
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Shape>>, BlendError> {
     let ends = [between.places[0].as_slice(), &between.places[1]];
-    let mut way = match arguments.blend.as_str() {
-        "hermite" => Way::Hermite(Box::new(blend::turning(ends)?)),
-        "laplacian" => Way::Laplacian(Box::new(Laplacian::new(
+    let mut path = match arguments.blend.as_str() {
+        "hermite" => blend::Path::Hermite(Box::new(blend::turning(ends)?)),
+        "laplacian" => blend::Path::Laplacian(Box::new(Laplacian::new(
             ends[0],
             ends[1],
             &between.triangles,
         )?)),
-        _ => Way::Linear,
+        _ => blend::Path::Linear,
     };
     let mut all = Vec::new();
     for k in 0..arguments.frames {
@@ -220,7 +220,7 @@ fn shapes(
         let t = f64::from(k) / f64::from(arguments.frames - 1);
         all.push(Shape {
             t,
-            places: way.at(ends, t)?,
+            places: path.at(ends, t)?,
         });
     }
     Ok(Some(all))

@@ -206,8 +206,8 @@ fn choose(
         .iter()
         .map(|planned| planned.ms_per_frame * 1e-3)
         .sum();
-    let wanted = STUDY_SHARE * frame_s * scene.frames as f64;
-    let budget = Duration::from_secs_f64(wanted.clamp(STUDY_LIMITS.0, STUDY_LIMITS.1));
+    let budget_s = STUDY_SHARE * frame_s * scene.frames as f64;
+    let budget = Duration::from_secs_f64(budget_s.clamp(STUDY_LIMITS.0, STUDY_LIMITS.1));
     let chosen = match accuracy::choose(scene, assets, accuracy, budget, threads, &Said { stop }) {
         Ok(chosen) => chosen,
         Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),

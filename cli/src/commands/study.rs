@@ -74,18 +74,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let study = Combinations::of(&file)?;
     let name = study.name.strip_suffix("-study").unwrap_or(&study.name);
     let path = arguments.output.folder(name, "study");
-    let mut wanted = missing(&study, (!arguments.fresh).then_some(path.as_path()));
+    let mut pending = missing(&study, (!arguments.fresh).then_some(path.as_path()));
     if arguments.dry_run {
-        let output = list(&study, &wanted, threads);
+        let output = list(&study, &pending, threads);
         return Ok(arguments.output.printing.finish(&output));
     }
     let folder =
         Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
     // Longest first, so that none runs alone at the end.
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
-    wanted.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
-    let said = Said::new(&study, &wanted, stop.clone());
-    let taken = study.all.len() - wanted.len();
+    pending.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
+    let said = Said::new(&study, &pending, stop.clone());
+    let taken = study.all.len() - pending.len();
     if taken > 0 {
         note(&format!(
             "{taken} of {} runs are finished already",
@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     execute(
         &study,
-        &wanted,
+        &pending,
         &folder,
         threads,
         &said,
@@ -109,16 +109,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 }
 
 /// The runs without running them.
-fn list(study: &Combinations, wanted: &[usize], threads: usize) -> RunOutput<'static> {
+fn list(study: &Combinations, pending: &[usize], threads: usize) -> RunOutput<'static> {
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
-    let all: f64 = wanted.iter().map(|&k| expected[k]).sum();
-    let longest = wanted
+    let all: f64 = pending.iter().map(|&k| expected[k]).sum();
+    let longest = pending
         .iter()
         .map(|&k| expected[k])
         .fold(0.0, |a: f64, b| if b > a { b } else { a });
-    let wall = longest.max(all / threads.clamp(1, wanted.len().max(1)) as f64);
+    let wall = longest.max(all / threads.clamp(1, pending.len().max(1)) as f64);
     let state = |k: usize| {
-        if wanted.contains(&k) {
+        if pending.contains(&k) {
             "to run"
         } else {
             "finished"
@@ -143,7 +143,7 @@ fn list(study: &Combinations, wanted: &[usize], threads: usize) -> RunOutput<'st
             format!("{:.1}", expected[k]),
         ]);
     }
-    let (count, all, time) = (wanted.len(), study.all.len(), in_words(wall));
+    let (count, all, time) = (pending.len(), study.all.len(), in_words(wall));
     let plan = "by the plan, which does not know how much contact there will be";
     RunOutput {
         kind: "study",
@@ -174,10 +174,10 @@ struct Said {
 }
 
 impl Said {
-    fn new(study: &Combinations, wanted: &[usize], stop: Arc<AtomicBool>) -> Self {
-        let frames = wanted.iter().map(|&k| study.all[k].frames()).sum();
+    fn new(study: &Combinations, pending: &[usize], stop: Arc<AtomicBool>) -> Self {
+        let frames = pending.iter().map(|&k| study.all[k].frames()).sum();
         let bar = Bar::of_runs(frames);
-        let (runs, done, frames_done) = (wanted.len(), AtomicUsize::new(0), AtomicUsize::new(0));
+        let (runs, done, frames_done) = (pending.len(), AtomicUsize::new(0), AtomicUsize::new(0));
         Self {
             stop,
             bar,

@@ -295,7 +295,7 @@ impl<'a> Bundle<'a> {
             "Pennation is the mean angle along a fibre to the line of action, from the mean of all origins to that of all \
              insertions. The mean spacing of fibres is the root of the volume over the length of all of them."
                 .to_owned(),
-            "The Jacobian is the area that a unit of area at the middle of a fibre's way takes further along it: above 0 no two \
+            "The Jacobian is the area, further along a fibre, of a unit of area across its middle: above 0 no two \
              fibres side by side change places. It is that of the flow, before smoothing."
                 .to_owned(),
         ];

@@ -31,7 +31,7 @@ pub enum FolderError {
     /// The path exists and is no folder.
     #[error("`{0}` is not a folder; name another with --out")]
     NotAFolder(PathBuf),
-    /// A file that pliant did not write is in the way.
+    /// A file that pliant did not write has the name of a result.
     #[error(
         "`{0}` is there and was not written by pliant; move it, or name another folder with --out"
     )]
@@ -205,9 +205,9 @@ impl Folder {
             return Err(FolderError::Missing(list_path));
         };
         let known: HashSet<&String> = listed.iter().collect();
-        let mut wanted: Vec<&String> = frames.iter().collect();
-        wanted.sort_unstable();
-        if let Some(missing) = wanted
+        let mut required: Vec<&String> = frames.iter().collect();
+        required.sort_unstable();
+        if let Some(missing) = required
             .into_iter()
             .find(|f| !known.contains(f) || !root.join(f).is_file())
         {

@@ -74,10 +74,10 @@ impl Gathered {
             "no effect has this name",
         )?;
         let measures: Vec<Measures> = from.take()?;
-        let wanted = (0..=simulation.frame())
+        let expected = (0..=simulation.frame())
             .flat_map(|frame| bodies.iter().map(move |body| (frame, &body.name)));
         from.check(
-            measures.iter().map(|m| (m.frame, &m.muscle)).eq(wanted),
+            measures.iter().map(|m| (m.frame, &m.muscle)).eq(expected),
             "measures of other frames or muscles",
         )?;
         let times: Vec<FrameTimes> = from.take()?;

@@ -464,7 +464,7 @@ impl Morph<'_> {
                 "origin",
                 self.between.kinds.iter().map(|k| f64::from(*k)).collect(),
             ),
-            ("way", self.ways()),
+            ("displacement", self.displacements()),
         ] {
             if point_data.iter().all(|(other, _)| *other != name) {
                 point_data.push((name, values));
@@ -480,7 +480,7 @@ impl Morph<'_> {
     }
 
     /// Distance between the positions of each vertex on the two surfaces.
-    fn ways(&self) -> Vec<f64> {
+    fn displacements(&self) -> Vec<f64> {
         let [a, b] = &self.between.places;
         a.iter().zip(b).map(|(a, b)| (b - a).norm()).collect()
     }

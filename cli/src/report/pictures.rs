@@ -404,7 +404,7 @@ mod tests {
         ] {
             let sides = stage(from, is_outside).sides();
             assert_eq!(sides.each_ref().map(|(name, _)| *name), names, "{from}");
-            let ways = sides.map(|(_, stage)| {
+            let directions = sides.map(|(_, stage)| {
                 assert!(
                     (stage.focus.len(), stage.range) == (2, (0.0, 1.0)),
                     "what is shown is the same"
@@ -412,20 +412,20 @@ mod tests {
                 let camera = Camera::fit(stage.focus, &stage.view, Canvas::new(100, 100));
                 (camera.towards_viewer(), camera.right_and_up()[1])
             });
-            for (k, (way, up)) in ways.iter().enumerate() {
+            for (k, (direction, up)) in directions.iter().enumerate() {
                 let is_from = match names[k] {
-                    "above" => way.y >= 0.9,
-                    "outside" => way.dot(&from) >= 0.999 * from.norm(),
-                    _ => (0.0..=0.2).contains(&way.y) && up.y >= 0.9,
+                    "above" => direction.y >= 0.9,
+                    "outside" => direction.dot(&from) >= 0.999 * from.norm(),
+                    _ => (0.0..=0.2).contains(&direction.y) && up.y >= 0.9,
                 };
-                assert!(is_from, "{}: {way} {up}", names[k]);
-                for (other, _) in &ways[..k] {
-                    assert!(way.dot(other).abs() <= 0.6, "{way} {other}");
+                assert!(is_from, "{}: {direction} {up}", names[k]);
+                for (other, _) in &directions[..k] {
+                    assert!(direction.dot(other).abs() <= 0.6, "{direction} {other}");
                 }
             }
             // From above the front is at the bottom, as on a map.
             if names[2] == "above" {
-                assert!(ways[2].1.dot(&ways[0].0) < 0.0);
+                assert!(directions[2].1.dot(&directions[0].0) < 0.0);
             }
         }
     }

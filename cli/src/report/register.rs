@@ -256,7 +256,7 @@ impl Registration<'_> {
                 picture("after", self.after())?,
             ],
             explanations: vec![format!(
-                "Lengths are in {}. A vertex lies on B if it is nearer than a hundredth of B's size, faces the same way, and its nearest \
+                "Lengths are in {}. A vertex lies on B if it is nearer than a hundredth of B's size, faces the same direction, and its nearest \
                  place is at no open rim.",
                 if self.unit.is_some() {
                     "metres"

@@ -122,9 +122,9 @@ fn volume_error(run: &SkinRun, part: &SkinPart) -> Option<f64> {
         return None;
     }
     let of_frame = |f: &SkinMeasures| {
-        let wanted = run.volumes_at(part, f.frame);
-        let each = wanted.iter().zip(&f.shells);
-        max_or_nan(each.map(|(wanted, (volume, _))| (volume / wanted - 1.0).abs()))
+        let target = run.volumes_at(part, f.frame);
+        let each = target.iter().zip(&f.shells);
+        max_or_nan(each.map(|(target, (volume, _))| (volume / target - 1.0).abs()))
     };
     Some(max_or_nan(part.frames.iter().map(of_frame)))
 }

@@ -115,12 +115,12 @@ mod tests {
     #[test]
     fn columns_are_aligned() {
         let mut table = Table::new("Effects", ["effect", "ms", "why"]);
-        table.row(["stretch", "12.5", "asked for"]);
+        table.row(["stretch", "12.5", "requested"]);
         table.row(["bending", "3", ""]);
         table.row(["gravity"]);
         assert_eq!(
             table.to_text(),
-            "Effects\neffect     ms  why\n───────  ────  ─────────\nstretch  12.5  asked for\nbending     3\ngravity\n"
+            "Effects\neffect     ms  why\n───────  ────  ─────────\nstretch  12.5  requested\nbending     3\ngravity\n"
         );
     }
 

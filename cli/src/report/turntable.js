@@ -1,7 +1,7 @@
 'use strict';
 {
   const figure = document.querySelector('.turntable');
-  const [still, canvas, controls, button, slider, told] =
+  const [still, canvas, controls, button, slider, output] =
     ['img', 'canvas', '.controls', 'button', 'input[type=range]', 'output'].map(what => figure.querySelector(what));
   const sides = [...figure.querySelectorAll('input[type=radio]')];
   const frames = slider.dataset.frames.split(' ');
@@ -22,8 +22,8 @@
       // All but the first picture of a side hold only what differs from it.
       pen.drawImage(pictures[side][0], 0, 0);
       if (k > 0) pen.drawImage(pictures[side][k], 0, 0);
-      told.textContent = 'frame ' + frames[k];
-      slider.setAttribute('aria-valuetext', told.textContent);
+      output.textContent = 'frame ' + frames[k];
+      slider.setAttribute('aria-valuetext', output.textContent);
       canvas.setAttribute('aria-label', 'Frame ' + frames[k] + ' from ' + sides[side].value);
     };
     const pause = () => {

@@ -436,12 +436,12 @@ struct Meshes(Vec<(Scene, Arc<Assets>)>);
 
 impl Meshes {
     fn of(&mut self, scene: &Scene) -> Result<Arc<Assets>, pliant::simulation::LoadError> {
-        let wanted = shape_of(scene);
-        if let Some((_, assets)) = self.0.iter().find(|(known, _)| *known == wanted) {
+        let shape = shape_of(scene);
+        if let Some((_, assets)) = self.0.iter().find(|(known, _)| *known == shape) {
             return Ok(assets.clone());
         }
         let assets = Arc::new(Assets::load(scene)?);
-        self.0.push((wanted, assets.clone()));
+        self.0.push((shape, assets.clone()));
         Ok(assets)
     }
 }
@@ -486,11 +486,14 @@ fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError>
 
 /// Rejects a measure that the scene does not have.
 fn check_measures(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
-    let (Some(wanted), Some(first)) = (&file.measures, all.first()) else {
+    let (Some(requested), Some(first)) = (&file.measures, all.first()) else {
         return Ok(());
     };
     let known: Vec<&str> = first.measures().iter().map(|(name, ..)| *name).collect();
-    match wanted.iter().find(|name| !known.contains(&name.as_str())) {
+    match requested
+        .iter()
+        .find(|name| !known.contains(&name.as_str()))
+    {
         None => Ok(()),
         Some(name) => Err(file.refused(
             &[],

@@ -149,7 +149,7 @@ impl<'a> Findings<'a> {
     }
 
     fn measures(&self) -> impl Iterator<Item = &'static Measure> + '_ {
-        let wanted = |name: &str| {
+        let is_selected = |name: &str| {
             self.study
                 .measures
                 .as_ref()
@@ -160,7 +160,7 @@ impl<'a> Findings<'a> {
             .all
             .first()
             .map_or(&[][..], Combination::measures);
-        all.iter().filter(move |(name, ..)| wanted(name))
+        all.iter().filter(move |(name, ..)| is_selected(name))
     }
 
     /// The table for the user.

@@ -69,7 +69,7 @@ fn what_cannot_be_is_refused() {
     )
     .expect("written");
     let wrong = wrong.to_str().expect("a path");
-    for (arguments, told) in [
+    for (arguments, expected) in [
         (
             &["biceps", EXAMPLE, "--length", "40 cm"][..],
             "from 20.4 to 28.8",
@@ -87,7 +87,7 @@ fn what_cannot_be_is_refused() {
         let done = run(&[arguments, &["--out", shown(&out)]].concat());
         assert_eq!(done.status.code(), Some(2), "{arguments:?}");
         assert!(
-            text(&done.stderr).contains(told),
+            text(&done.stderr).contains(expected),
             "{arguments:?}: {}",
             text(&done.stderr)
         );

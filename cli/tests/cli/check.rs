@@ -207,11 +207,11 @@ fn wrong_uses_of_check_and_convert_are_refused() {
             "cannot be written",
         ),
     ];
-    for (arguments, wanted) in cases {
+    for (arguments, expected) in cases {
         let done = run(arguments);
         let said = text(&done.stderr);
         assert!(
-            code(&done) == Some(2) && said.contains(wanted),
+            code(&done) == Some(2) && said.contains(expected),
             "{arguments:?}: {said}"
         );
     }
@@ -294,7 +294,7 @@ fn a_scene_may_ask_for_a_repair() {
             .unwrap()
             .contains("vertices moved by at most 0.000 mm")
     }));
-    for (more, wanted) in [
+    for (more, expected) in [
         ("close_holes = 3", "error[E055]"),
         ("repair = 1", "error[E054]"),
         ("repair = true\nclose_holes = 501", "error[E051]"),
@@ -306,7 +306,7 @@ fn a_scene_may_ask_for_a_repair() {
         fs::write(&scene, toml(more)).unwrap();
         let done = run(&["plan", shown(&scene)]);
         assert!(
-            code(&done) == Some(2) && text(&done.stderr).contains(wanted),
+            code(&done) == Some(2) && text(&done.stderr).contains(expected),
             "{more}: {}",
             text(&done.stderr)
         );

@@ -110,9 +110,9 @@ fn a_cylinder_is_filled() {
     let muscle = Cylinder::new();
     let (done, out) = muscle.run("out", &["--json"]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let told: Value = serde_json::from_slice(&done.stdout).expect("JSON");
-    assert_eq!(told, json(&out.join("summary.json")));
-    let told = measures(&told);
+    let reported: Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    assert_eq!(reported, json(&out.join("summary.json")));
+    let reported = measures(&reported);
     for key in [
         "fibres",
         "points",
@@ -127,33 +127,33 @@ fn a_cylinder_is_filled() {
         "pennation_mean_deg",
         "decomposition_s",
     ] {
-        assert!(told[key].is_number(), "{key} in {told}");
+        assert!(reported[key].is_number(), "{key} in {reported}");
     }
     assert_eq!(
         (
-            of(&told, "fibres"),
-            of(&told, "points"),
-            of(&told, "outside")
+            of(&reported, "fibres"),
+            of(&reported, "points"),
+            of(&reported, "outside")
         ),
         (100.0, 1500.0, 0.0)
     );
     assert!(
-        (of(&told, "length_mean_m") / LENGTH - 1.0).abs() <= 0.02,
-        "{told}"
+        (of(&reported, "length_mean_m") / LENGTH - 1.0).abs() <= 0.02,
+        "{reported}"
     );
     assert!(
-        of(&told, "coverage") >= 0.95 && of(&told, "jacobian_min") > 0.0,
-        "{told}"
+        of(&reported, "coverage") >= 0.95 && of(&reported, "jacobian_min") > 0.0,
+        "{reported}"
     );
     let volume = muscle.mesh.volume();
     assert!(
-        (of(&told, "volume_m3") / volume - 1.0).abs() <= 1e-9,
-        "{told}"
+        (of(&reported, "volume_m3") / volume - 1.0).abs() <= 1e-9,
+        "{reported}"
     );
-    let section = of(&told, "volume_m3") / of(&told, "length_mean_m");
+    let section = of(&reported, "volume_m3") / of(&reported, "length_mean_m");
     assert!(
-        (of(&told, "cross_section_m2") / section - 1.0).abs() <= 1e-12,
-        "{told}"
+        (of(&reported, "cross_section_m2") / section - 1.0).abs() <= 1e-12,
+        "{reported}"
     );
     let names: BTreeSet<String> = names_in(&out).into_iter().collect();
     for name in [
@@ -231,7 +231,7 @@ fn areas_in_all_their_forms() {
     let (patches, bone, listed) = (join("patches.obj"), join("bone.obj"), join("list.txt"));
     let large = format!("{}#0", shown(&patches));
     let out = join("out");
-    let told = |origin: String| {
+    let reported = |origin: String| {
         let arguments = [
             "fibres",
             shown(&muscle.file),
@@ -259,18 +259,19 @@ fn areas_in_all_their_forms() {
         format!("vertices:{}", shown(&listed)),
         format!("near:{},4mm", shown(&bone)),
     ] {
-        let told = told(origin);
-        assert_eq!(of(&told, "tendon_length_max_m"), 0.0, "{told}");
+        let reported = reported(origin);
+        assert_eq!(of(&reported, "tendon_length_max_m"), 0.0, "{reported}");
         assert!(
-            (of(&told, "length_mean_m") / LENGTH - 1.0).abs() <= 0.05,
-            "{told}"
+            (of(&reported, "length_mean_m") / LENGTH - 1.0).abs() <= 0.05,
+            "{reported}"
         );
     }
     // The smaller square is 30 mm away from the muscle, so there are tendons.
-    let told = told(format!("{}#1", shown(&patches)));
+    let reported = reported(format!("{}#1", shown(&patches)));
     assert!(
-        of(&told, "tendon_length_max_m") >= 0.029 && of(&told, "tendon_length_max_m") <= 0.05,
-        "{told}"
+        of(&reported, "tendon_length_max_m") >= 0.029
+            && of(&reported, "tendon_length_max_m") <= 0.05,
+        "{reported}"
     );
     let lines = pliant::io::read(&out.join("fibres.vtp"))
         .expect("fibres")
@@ -314,19 +315,19 @@ fn smoothing_shortens_and_keeps_ends() {
 #[test]
 fn springs_and_slices_fill_a_cylinder_by_a_template() {
     let muscle = Cylinder::new();
-    let told = |name: &str, more: &[&str]| {
+    let reported = |name: &str, more: &[&str]| {
         let (done, out) = muscle.run(name, &[more, &["--json"]].concat());
-        let told: Value = serde_json::from_slice(&done.stdout).expect("JSON");
-        assert_eq!(told, json(&out.join("summary.json")));
+        let reported: Value = serde_json::from_slice(&done.stdout).expect("JSON");
+        assert_eq!(reported, json(&out.join("summary.json")));
         assert_eq!(
             points(&out).iter().map(Vec::len).collect::<Vec<_>>(),
             [15; 100]
         );
-        (done.status.code(), text(&done.stderr), measures(&told))
+        (done.status.code(), text(&done.stderr), measures(&reported))
     };
     // The first and the last slice lie a millionth of the length before the ends, so the check
     // succeeds.
-    let (code, error, slices) = told("slices", &["--method", "slices"]);
+    let (code, error, slices) = reported("slices", &["--method", "slices"]);
     assert_eq!(
         (code, &slices["method"], &slices["template"]),
         (Some(0), &"slices".into(), &"parallel".into()),
@@ -338,7 +339,7 @@ fn springs_and_slices_fill_a_cylinder_by_a_template() {
         "{slices}"
     );
     // Springs reach the areas, but cells fold near the middle, and the command reports this.
-    let (code, error, springs) = told(
+    let (code, error, springs) = reported(
         "springs",
         &["--method", "springs", "--template", "parallel"],
     );
@@ -360,7 +361,7 @@ fn springs_and_slices_fill_a_cylinder_by_a_template() {
         "{error}"
     );
     // Arches end on one side of a body, the areas are at both ends.
-    let (code, error, curved) = told("curved", &["--method", "slices", "--template", "curved"]);
+    let (code, error, curved) = reported("curved", &["--method", "slices", "--template", "curved"]);
     assert!(
         curved["template"] == "curved" && curved["length_mean_m"] != slices["length_mean_m"],
         "{curved}"
@@ -618,7 +619,7 @@ fn what_cannot_be_is_refused() {
             "`lightyears` is no unit of length",
         ),
     ];
-    for (wrong, told) in cases {
+    for (wrong, reported) in cases {
         let mut arguments = vec!["fibres", file, "--out", shown(&out)];
         for pair in [
             ["--unit", "m"],
@@ -637,7 +638,7 @@ fn what_cannot_be_is_refused() {
             text(&done.stderr)
         );
         assert!(
-            text(&done.stderr).contains(told),
+            text(&done.stderr).contains(reported),
             "{wrong:?}: {}",
             text(&done.stderr)
         );
@@ -687,8 +688,8 @@ fn ctrl_c_ends_with_its_code_and_writes_nothing() {
         .lines()
         .map_while(Result::ok);
     // Longer work reports its progress on a pipe every few seconds.
-    let told = said.find(|line| line.contains(" of 100000 passes of smoothing"));
-    assert!(told.is_some());
+    let reported = said.find(|line| line.contains(" of 100000 passes of smoothing"));
+    assert!(reported.is_some());
     assert!(
         Command::new("kill")
             .args(["-INT", &child.id().to_string()])

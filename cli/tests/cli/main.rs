@@ -186,11 +186,11 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
             &["no unit of time", "ms, s, min, h"],
         ),
     ];
-    for (arguments, wanted) in cases {
+    for (arguments, expected) in cases {
         let done = run(arguments);
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
-        for part in wanted {
+        for part in expected {
             assert!(
                 message.contains(part),
                 "{arguments:?}: `{part}` is not in: {message}"
@@ -500,7 +500,7 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
             ],
         ),
     ];
-    for (arguments, wanted) in cases {
+    for (arguments, expected) in cases {
         let done = pliant()
             .arg("run")
             .args(arguments)
@@ -508,7 +508,7 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
             .output()
             .unwrap();
         let message = text_of_refusal(&done);
-        for part in wanted {
+        for part in expected {
             assert!(
                 message.contains(part),
                 "{arguments:?}: `{part}` is not in: {message}"
@@ -636,7 +636,7 @@ fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
 }
 
 #[test]
-fn velocities_that_were_cut_are_told_of() {
+fn velocities_that_were_limited_are_reported() {
     let scratch = Scratch::folder();
     let fly = |force: &str| {
         let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");

@@ -87,7 +87,7 @@ fn what_cannot_be_is_refused() {
     let out = scratch.join("out");
     let no_unit = scratch.join("no-unit.csv");
     fs::write(&no_unit, "angle_deg,gluteus\n0,1\n").expect("written");
-    for (arguments, told) in [
+    for (arguments, expected) in [
         (
             &["hip", "--joint", "knee"][..],
             "no joint `knee`; known: hip",
@@ -132,7 +132,7 @@ fn what_cannot_be_is_refused() {
             text(&done.stderr)
         );
         assert!(
-            text(&done.stderr).contains(told),
+            text(&done.stderr).contains(expected),
             "{arguments:?}: {}",
             text(&done.stderr)
         );

@@ -186,8 +186,13 @@ fn assert_frames(out: &Path, frames: &[String], meshes: [&TriangleMesh; 2], heat
         (b.vertices.len(), &b.triangles)
     );
     let count = [meshes[0].vertices.len(), meshes[1].vertices.len()];
-    let off = |found: &[Point3<f64>], wanted: &[Point3<f64>]| {
-        max_or_nan(found.iter().zip(wanted).map(|(p, q)| (p - q * 0.01).norm()))
+    let off = |found: &[Point3<f64>], expected: &[Point3<f64>]| {
+        max_or_nan(
+            found
+                .iter()
+                .zip(expected)
+                .map(|(p, q)| (p - q * 0.01).norm()),
+        )
     };
     assert!(off(&a.vertices[..count[0]], &meshes[0].vertices) <= 1e-15);
     assert!(
@@ -403,13 +408,16 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
             ],
         ),
     ];
-    for (path, wanted) in cases {
+    for (path, expected) in cases {
         // Frames on either surface.
         for arguments in [
             ["morph", shown(path), shown(&good)],
             ["morph", shown(&good), shown(path)],
         ] {
-            refused(&[&arguments[..], &["--out", shown(&out)]].concat(), wanted);
+            refused(
+                &[&arguments[..], &["--out", shown(&out)]].concat(),
+                expected,
+            );
             assert!(!out.exists(), "{arguments:?}");
         }
     }
@@ -441,7 +449,7 @@ fn files_of_pairs_that_are_wrong_are_refused_with_their_line() {
     let a = put(&scratch, "a.obj", &stretched([1.0; 3]));
     let b = put(&scratch, "b.obj", &stretched([1.0, 2.0, 1.0]));
     let pairs = scratch.join("p.txt");
-    for (content, wanted) in [
+    for (content, expected) in [
         (
             "0 1\n# x\n5 162\n",
             &[
@@ -478,7 +486,7 @@ fn files_of_pairs_that_are_wrong_are_refused_with_their_line() {
         fs::write(&pairs, content).unwrap();
         refused(
             &["morph", shown(&a), shown(&b), "--pairs", shown(&pairs)],
-            wanted,
+            expected,
         );
     }
     refused(
@@ -487,11 +495,11 @@ fn files_of_pairs_that_are_wrong_are_refused_with_their_line() {
     );
 }
 
-fn refused(arguments: &[&str], wanted: &[&str]) {
+fn refused(arguments: &[&str], expected: &[&str]) {
     let done = run(arguments);
     let message = text(&done.stderr);
     assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
-    for part in wanted {
+    for part in expected {
         assert!(
             message.contains(part),
             "{arguments:?}: `{part}` is not in: {message}"

@@ -156,7 +156,7 @@ const hash = () => {
   const bytes = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
   return bytes.reduce((sum, byte) => (Math.imul(sum, 31) + byte) | 0, 7);
 };
-const state = () => ({told: one('output').textContent, label: one('canvas').getAttribute('aria-label'), picture: hash()});
+const state = () => ({output: one('output').textContent, label: one('canvas').getAttribute('aria-label'), picture: hash()});
 const shown = element => element.getClientRects().length > 0;
 (async () => {
   for (let k = 0; k < 100 && one('.controls').hidden; k++) await pause(20);
@@ -215,13 +215,15 @@ fn faults(found: &Value, frames: &[usize]) -> Vec<String> {
         let [all @ .., back] = states.as_slice() else {
             panic!("{states:?}")
         };
-        let told: Vec<String> = frames
+        let output: Vec<String> = frames
             .iter()
             .map(|frame| format!("frame {frame}"))
             .collect();
         check(
-            all.iter().map(|s| s["told"].as_str().unwrap()).eq(&told),
-            format!("told: {all:?}"),
+            all.iter()
+                .map(|s| s["output"].as_str().unwrap())
+                .eq(&output),
+            format!("output: {all:?}"),
         );
         let own: HashSet<i64> = all.iter().map(|s| s["picture"].as_i64().unwrap()).collect();
         check(

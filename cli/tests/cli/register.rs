@@ -51,7 +51,7 @@ fn number(value: &Value) -> f64 {
 }
 
 #[test]
-fn a_known_similarity_is_found_and_told_as_a_matrix() {
+fn a_known_similarity_is_found_and_reported_as_a_matrix() {
     let scratch = Scratch::folder();
     let fixed = body(Vector3::zeros());
     let known = Similarity3::new(
@@ -243,11 +243,11 @@ fn what_cannot_be_registered_is_refused() {
             &["`parsec` is no unit of length"],
         ),
     ];
-    for (arguments, wanted) in cases {
+    for (arguments, expected) in cases {
         let done = run(&[&["register"], arguments, &["--out", shown(&out)]].concat());
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
-        for part in wanted {
+        for part in expected {
             assert!(
                 message.contains(part),
                 "{arguments:?}: `{part}` is not in: {message}"

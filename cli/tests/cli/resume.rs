@@ -133,7 +133,7 @@ fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
 fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
-    let refuse = |arguments: &[&str], wanted: &[&str]| {
+    let refuse = |arguments: &[&str], expected: &[&str]| {
         let before = out.exists().then(|| files(&out));
         let done = pliant()
             .arg("run")
@@ -143,7 +143,7 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
             .unwrap();
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
-        for part in wanted {
+        for part in expected {
             assert!(
                 message.contains(part),
                 "{arguments:?}: `{part}` is not in: {message}"
@@ -200,7 +200,7 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
     let kept = fs::read(&checkpoint).unwrap();
     let mut damaged = kept.clone();
     damaged[kept.len() / 2] ^= 4;
-    for (bytes, wanted) in [
+    for (bytes, expected) in [
         (damaged, "is damaged: its checksum is not that of its bytes"),
         (kept[..kept.len() - 9].to_vec(), "is damaged: "),
         (Vec::new(), "it is no checkpoint"),
@@ -209,7 +209,7 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
         fs::write(&checkpoint, bytes).unwrap();
         refuse(
             &resume,
-            &[wanted, "checkpoint.pliant", "begin anew without --resume"],
+            &[expected, "checkpoint.pliant", "begin anew without --resume"],
         );
     }
     let version = kept

@@ -193,7 +193,7 @@ fn samples() -> [Value; 3] {
     })
 }
 
-/// A way to spoil a summary.
+/// A change that makes a summary invalid.
 type Change<'a> = &'a dyn Fn(&mut Value);
 
 #[test]
@@ -235,7 +235,7 @@ fn what_departs_from_the_schema_is_found() {
             s["biceps"]["joint_angle_rad"] = value!(1.0)
         }),
         (job, "a key that nobody declared", &|s| {
-            s["told"] = value!(1)
+            s["unknown"] = value!(1)
         }),
         (scene, "no times", &|s| remove(s, "times")),
         (scene, "an unknown time", &|s| {

@@ -395,12 +395,12 @@ const FLAT: &str = "[[skin]]\nshape = 'sheet'\n[sheet]\nside = '20 cm'\ncells = 
 fn wrong_scenes_say_where_and_what_to_change() {
     let scratch = Scratch::folder();
     let scene = scratch.join("s.toml");
-    let refused = |text_of: &str, wanted: &[&str]| {
+    let refused = |text_of: &str, expected: &[&str]| {
         fs::write(&scene, text_of).unwrap();
         let done = run(&["run", shown(&scene), "--out", shown(&scratch.join("out"))]);
         let said = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{text_of}: {said}");
-        for part in wanted {
+        for part in expected {
             assert!(said.contains(part), "{text_of}: `{part}` is not in: {said}");
         }
         assert!(!scratch.join("out").exists());
@@ -478,7 +478,7 @@ fn wrong_scenes_say_where_and_what_to_change() {
         "frames = 9\nframe_rate = '60 Hz'\n[lattice]\npoints = [4, 4]\nside = '1 cm'\n",
         &["s.toml:4:10", "x, y, z"],
     );
-    for (arguments, wanted) in [
+    for (arguments, expected) in [
         (
             &["run", "flat-implant", "--checkpoint-every", "1"][..],
             "leave --checkpoint-every and --resume out",
@@ -508,7 +508,7 @@ fn wrong_scenes_say_where_and_what_to_change() {
             .unwrap();
         assert_eq!(done.status.code(), Some(2), "{arguments:?}");
         assert!(
-            text(&done.stderr).contains(wanted),
+            text(&done.stderr).contains(expected),
             "{arguments:?}: {}",
             text(&done.stderr)
         );

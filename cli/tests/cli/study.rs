@@ -332,12 +332,12 @@ fn wrong_studies_are_refused_before_anything_runs() {
             &["s.toml:3:1: error[E053]"],
         ),
     ];
-    for (study, wanted) in cases {
+    for (study, expected) in cases {
         fs::write(&good, study).unwrap();
         let done = run(&["study", &good, "--out", shown(&out)]);
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{study}: {message}");
-        for part in wanted {
+        for part in expected {
             assert!(
                 message.contains(part),
                 "{study}: `{part}` is not in: {message}"

@@ -114,18 +114,18 @@ fn every_slider_moves_what_it_says() {
     for name in &names {
         let before = viewer.wait(name, |seen| find(seen, name).is_some());
         if is_slider(name) {
-            let wanted = if share(&before, name) > 0.5 {
+            let target = if share(&before, name) > 0.5 {
                 0.25
             } else {
                 0.75
             };
-            viewer.slide(name, wanted);
+            viewer.slide(name, target);
             // A bone moves to its angle during the next frames.
             if name == "bone femur/angle" {
                 continue;
             }
             // Neighbouring whole numbers near 1 are far apart on the slider.
-            viewer.wait(name, |seen| (share(seen, name) - wanted).abs() < 0.13);
+            viewer.wait(name, |seen| (share(seen, name) - target).abs() < 0.13);
         } else if !name.starts_with("solver/") {
             viewer.press(name);
             let changed = |seen: &Value| (share(seen, name) - share(&before, name)).abs() == 1.0;

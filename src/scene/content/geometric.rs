@@ -87,8 +87,8 @@ impl GeometricScene {
             format!("[{}]", values.join(", "))
         };
         let mut text = format!(
-            "name = \"{}\"\nframes = {}\nframe_rate = \"{} Hz\"\nunit = \"m\"\nradii = {}\ngrow_mults = {}\nlength = {}\n",
-            self.name,
+            "name = {}\nframes = {}\nframe_rate = \"{} Hz\"\nunit = \"m\"\nradii = {}\ngrow_mults = {}\nlength = {}\n",
+            toml::Value::from(self.name.as_str()),
             self.frames,
             self.frame_rate,
             list(&self.shape.radii),

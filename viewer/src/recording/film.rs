@@ -25,7 +25,7 @@ impl Kept {
         if self.pictures.is_empty() {
             self.size = within(size, [MOST_WIDTH, usize::MAX]);
         }
-        let packed = compress_to_vec(&laid_out(rgb, size, self.size), LEVEL);
+        let packed = compress_to_vec(&resized(rgb, size, self.size), LEVEL);
         self.bytes += packed.len();
         self.pictures.push((packed, at));
     }
@@ -85,12 +85,12 @@ fn within([width, height]: [usize; 2], [most_width, most_height]: [usize; 2]) ->
 }
 
 /// A picture in another size: as large as possible, centred, with bars in the colour of its corner.
-fn laid_out(rgb: &[u8], size: [usize; 2], onto: [usize; 2]) -> Vec<u8> {
+fn resized(rgb: &[u8], size: [usize; 2], onto: [usize; 2]) -> Vec<u8> {
     // A picture smaller than the film is enlarged, too.
     let factor = [0, 1].map(|k| onto[k] as f64 / size[k] as f64);
     let larger = factor[0].min(factor[1]).max(1.0);
-    let wanted = size.map(|side| (side as f64 * larger).round() as usize);
-    let inner = within(wanted, onto);
+    let enlarged = size.map(|side| (side as f64 * larger).round() as usize);
+    let inner = within(enlarged, onto);
     let small = scaled(rgb, size, inner);
     if inner == onto {
         return small;
@@ -189,16 +189,16 @@ mod tests {
 
     #[test]
     fn another_shape_gets_bars() {
-        let wide = laid_out(&grey(&[9, 9, 9, 9]), [4, 1], [2, 3]);
+        let wide = resized(&grey(&[9, 9, 9, 9]), [4, 1], [2, 3]);
         assert_eq!(wide, grey(&[9; 6]));
         let mut picture = grey(&[5, 200, 200, 200]);
         assert_eq!(
-            laid_out(&picture, [1, 4], [2, 4]),
+            resized(&picture, [1, 4], [2, 4]),
             grey(&[5, 5, 200, 5, 200, 5, 200, 5])
         );
         picture.truncate(3);
         assert_eq!(
-            laid_out(&picture, [1, 1], [3, 2]),
+            resized(&picture, [1, 1], [3, 2]),
             grey(&[5; 6]),
             "smaller ones are made larger"
         );

@@ -250,7 +250,7 @@ fn a_window_never_waits_and_what_is_dropped_is_counted() {
 }
 
 #[test]
-fn what_cannot_be_recorded_is_told() {
+fn what_cannot_be_recorded_is_reported() {
     let folder = Scratch::folder();
     let start = |name: &str| {
         Recorder::start(&folder.join(name))
@@ -301,7 +301,7 @@ fn what_cannot_be_recorded_is_told() {
 /// A device that is always full.
 #[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_told() {
+fn a_full_disk_is_reported() {
     let folder = Scratch::folder();
     let path = folder.join("a.gif");
     let mut recorder = Recorder::start(&path).expect("starts");

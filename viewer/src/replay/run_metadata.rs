@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_damaged_table_is_told_with_its_line() {
+    fn a_damaged_table_is_reported_with_its_line() {
         let head = "frame,muscle,volume_error\n";
         for (row, says) in [
             ("0,a,0.5\nx,a,1\n", "line 3: `x` is no frame"),

@@ -20,7 +20,7 @@ fn fails_at_two(simulation: &mut Simulation) {
 }
 
 #[test]
-fn a_panic_is_told_and_a_reset_helps() {
+fn a_panic_is_reported_and_a_reset_helps() {
     let session = started(fails_at_two);
     let first = session.send(Command::Step);
     let shot = session
@@ -34,7 +34,7 @@ fn a_panic_is_told_and_a_reset_helps() {
     session.send(Command::Run);
     let shot = session
         .wait(LONG, |s| s.failed.is_some())
-        .expect("to be told");
+        .expect("a report");
     assert_eq!(
         shot.failed.as_deref(),
         Some("frame 2: the simulation panicked: the second frame is too much")
@@ -58,7 +58,7 @@ fn a_panic_is_told_and_a_reset_helps() {
 }
 
 #[test]
-fn a_muscle_that_is_stopped_is_told() {
+fn a_muscle_that_is_stopped_is_reported() {
     let session = started(|simulation| {
         if simulation.frame() == 2 {
             simulation.bodies[0].system.particles.velocity[3].x = f64::NAN;
@@ -68,7 +68,7 @@ fn a_muscle_that_is_stopped_is_told() {
     session.send(Command::Run);
     let shot = session
         .wait(LONG, |s| s.bodies[0].stopped.is_some())
-        .expect("to be told");
+        .expect("a report");
     let (frame, why) = shot.bodies[0].stopped.clone().expect("why");
     assert!(frame == 3 && why.contains("not finite"), "{frame} {why}");
     assert!(!shot.running && shot.failed.is_none());

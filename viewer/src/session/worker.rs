@@ -86,8 +86,8 @@ impl Worker {
     }
 
     fn wants_frames(&self) -> bool {
-        let is_wanted = self.failed.is_none() && !self.ended.load(Ordering::Relaxed);
-        is_wanted && self.subject.wants_frames()
+        let is_needed = self.failed.is_none() && !self.ended.load(Ordering::Relaxed);
+        is_needed && self.subject.wants_frames()
     }
 
     fn apply_all(&mut self, batch: &[(u64, Command)]) {

@@ -17,7 +17,7 @@ pub struct Capture {
     /// True while a picture is read from the graphics card.
     is_read: bool,
     /// True if the next rendered picture is saved.
-    is_wanted: bool,
+    is_requested: bool,
 }
 
 impl Capture {
@@ -30,7 +30,7 @@ impl Capture {
             film: None,
             writing: None,
             is_read: false,
-            is_wanted: false,
+            is_requested: false,
         }
     }
 
@@ -41,17 +41,17 @@ impl Capture {
 
     /// True if overlays are left out of the next rendered picture.
     pub fn is_taking(&self) -> bool {
-        self.is_wanted || self.film.is_some()
+        self.is_requested || self.film.is_some()
     }
 
     /// True if the next rendered picture is saved.
-    pub fn is_picture_wanted(&self) -> bool {
-        self.is_wanted
+    pub fn is_picture_requested(&self) -> bool {
+        self.is_requested
     }
 
     /// Saves the next rendered picture.
     pub fn picture(&mut self) {
-        self.is_wanted = true;
+        self.is_requested = true;
     }
 
     /// Starts or ends a film. Returns a message.
@@ -103,7 +103,7 @@ impl Capture {
             window.snap_begin();
             self.is_read = true;
         }
-        if std::mem::take(&mut self.is_wanted) {
+        if std::mem::take(&mut self.is_requested) {
             said = Some(
                 self.save(window, width)
                     .unwrap_or_else(|error| error.to_string()),
@@ -112,9 +112,9 @@ impl Capture {
         said.or_else(|| self.written())
     }
 
-    fn push(&mut self, width: usize, height: usize, rgb: &[u8], wanted: usize) -> Option<String> {
+    fn push(&mut self, width: usize, height: usize, rgb: &[u8], columns: usize) -> Option<String> {
         let film = self.film.as_mut()?;
-        let (width, rgb) = left(width, rgb, wanted);
+        let (width, rgb) = left(width, rgb, columns);
         match film.push(width, height, &rgb) {
             // The film ends at its greatest length.
             Ok(Pushed::Full) => Some(self.record()),
@@ -136,9 +136,9 @@ impl Capture {
         Some(said)
     }
 
-    fn save(&self, window: &Window, wanted: usize) -> Result<String, RecordingError> {
+    fn save(&self, window: &Window, columns: usize) -> Result<String, RecordingError> {
         let image = window.snap_image();
-        let (width, rgb) = left(image.width() as usize, image.as_raw(), wanted);
+        let (width, rgb) = left(image.width() as usize, image.as_raw(), columns);
         let path = self.next_name("png")?;
         save_png(&path, width, image.height() as usize, &rgb)?;
         Ok(format!("wrote {}", path.display()))
@@ -174,13 +174,13 @@ fn in_words(film: &Recorded) -> String {
     format!("wrote {}: {pictures} pictures{lacks}{full}", path.display())
 }
 
-/// The left `wanted` columns of a picture.
-fn left(width: usize, rgb: &[u8], wanted: usize) -> (usize, Vec<u8>) {
-    let wanted = wanted.clamp(1, width.max(1));
+/// The leftmost columns of a picture.
+fn left(width: usize, rgb: &[u8], columns: usize) -> (usize, Vec<u8>) {
+    let columns = columns.clamp(1, width.max(1));
     (
-        wanted,
+        columns,
         rgb.chunks_exact(3 * width.max(1))
-            .flat_map(|row| row[..3 * wanted].iter().copied())
+            .flat_map(|row| row[..3 * columns].iter().copied())
             .collect(),
     )
 }

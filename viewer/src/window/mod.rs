@@ -25,7 +25,7 @@ use super::recipe::StartError;
 use super::snapshot::{Shot, Snapshot};
 use capture::Capture;
 use lens::Lens;
-use panel::{Asked, Panel};
+use panel::{Panel, PanelRequest};
 use pliant::mesh::measures::Aabb;
 use pointer::{Pointer, Request};
 use scene_nodes::{SceneNodes, ViewSettings};
@@ -386,10 +386,10 @@ impl Viewer<'_> {
         self.hear(window, &shot);
         let before = self.colouring.clone();
         let mut widgets = Widgets::new(self.trace.is_some());
-        let asked = self.interface(window, &shot, &mut widgets);
+        let requests = self.interface(window, &shot, &mut widgets);
         let afresh = before != self.colouring;
         // Antialiasing doubles the cost on a processor; a saved picture has it.
-        let is_fine = !self.by_processor || self.capture.is_picture_wanted();
+        let is_fine = !self.by_processor || self.capture.is_picture_requested();
         window.set_samples(if is_fine {
             NumSamples::Four
         } else {
@@ -409,7 +409,9 @@ impl Viewer<'_> {
         if let Some(said) = self.capture.rendered(window, seen) {
             self.state.message = said;
         }
-        asked.into_iter().for_each(|asked| self.answer(asked));
+        requests
+            .into_iter()
+            .for_each(|requests| self.answer(requests));
         self.state.recording = self.capture.is_recording();
         if let Some(trace) = &mut self.trace {
             let waiting = self.state.waiting(shot.answered);
@@ -498,8 +500,8 @@ impl Viewer<'_> {
             Request::Contacts => turn(&mut self.settings.contacts),
             Request::Panel => turn(&mut self.has_panel),
             Request::Help => turn(&mut self.state.help),
-            Request::Picture => self.state.asked.push(Asked::Picture),
-            Request::Record => self.state.asked.push(Asked::Record),
+            Request::Picture => self.state.requests.push(PanelRequest::Picture),
+            Request::Record => self.state.requests.push(PanelRequest::Record),
             Request::Close => self.closes = true,
         }
     }
@@ -510,8 +512,8 @@ impl Viewer<'_> {
         window: &mut Window,
         shot: &Snapshot,
         widgets: &mut Widgets,
-    ) -> Vec<Asked> {
-        let mut asked = std::mem::take(&mut self.state.asked);
+    ) -> Vec<PanelRequest> {
+        let mut requests = std::mem::take(&mut self.state.requests);
         let pictures = self.rate();
         let is_taking = self.capture.is_taking();
         let handles = places(
@@ -526,7 +528,7 @@ impl Viewer<'_> {
         let panel_width = &mut self.panel_width;
         window.draw_ui(|ctx| {
             let screen = ctx.content_rect();
-            let (asked, send) = (&mut asked, &mut send);
+            let (requests, send) = (&mut requests, &mut send);
             let mut panel = Panel {
                 shot,
                 state,
@@ -537,7 +539,7 @@ impl Viewer<'_> {
                 replayed,
                 widgets,
                 send,
-                asked,
+                requests,
             };
             if has_panel {
                 *panel_width = beside(ctx, |ui| panel.show(ui));
@@ -567,13 +569,13 @@ impl Viewer<'_> {
                 keys(ctx);
             }
         });
-        asked
+        requests
     }
 
-    fn answer(&mut self, asked: Asked) {
-        match asked {
-            Asked::FirstView => self.lens.camera.reset(),
-            Asked::View(from) => {
+    fn answer(&mut self, requests: PanelRequest) {
+        match requests {
+            PanelRequest::FirstView => self.lens.camera.reset(),
+            PanelRequest::View(from) => {
                 let from = Vector3::from(from.map(f64::from));
                 let up = if from.y == 0.0 {
                     Vector3::y()
@@ -582,8 +584,8 @@ impl Viewer<'_> {
                 };
                 self.lens.camera = self.lens.camera.seen_from(from, up);
             }
-            Asked::Picture => self.capture.picture(),
-            Asked::Record => self.state.message = self.capture.record(),
+            PanelRequest::Picture => self.capture.picture(),
+            PanelRequest::Record => self.state.message = self.capture.record(),
         }
     }
 }

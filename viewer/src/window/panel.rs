@@ -23,7 +23,7 @@ pub struct State {
     pub recording: bool,
     pub help: bool,
     /// Requests by keys.
-    pub asked: Vec<Asked>,
+    pub requests: Vec<PanelRequest>,
 }
 
 impl State {
@@ -38,7 +38,7 @@ impl State {
 
 /// Requests of the panel to the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asked {
+pub enum PanelRequest {
     Picture,
     Record,
     FirstView,
@@ -58,7 +58,7 @@ pub struct Panel<'a> {
     pub widgets: &'a mut Widgets,
     /// Sends a command. Returns its number.
     pub send: &'a mut dyn FnMut(Command) -> u64,
-    pub asked: &'a mut Vec<Asked>,
+    pub requests: &'a mut Vec<PanelRequest>,
 }
 
 /// The name of a control, as in tests and in unanswered changes.
@@ -88,9 +88,9 @@ impl Panel<'_> {
     pub fn tells(&self) -> bool {
         let shot = self.shot;
         let stopped = shot.bodies.iter().any(|body| body.stopped.is_some());
-        let asked =
+        let requests =
             !self.state.message.is_empty() || shot.refused.is_some() || shot.failed.is_some();
-        asked || stopped || shot.probe.is_some() || !shot.notes.is_empty()
+        requests || stopped || shot.probe.is_some() || !shot.notes.is_empty()
     }
 
     fn button(&mut self, ui: &mut Ui, name: &'static str, hint: &str) -> bool {
@@ -294,11 +294,11 @@ impl Panel<'_> {
                         ("Top", [0, 1, 0]),
                     ];
                     if self.button(ui, "First", "as at the start: H") {
-                        self.asked.push(Asked::FirstView);
+                        self.requests.push(PanelRequest::FirstView);
                     }
                     for (name, from) in views {
                         if self.button(ui, name, "from there") {
-                            self.asked.push(Asked::View(from));
+                            self.requests.push(PanelRequest::View(from));
                         }
                     }
                 });
@@ -423,7 +423,7 @@ impl Panel<'_> {
     fn save(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
             if self.button(ui, "Picture", "the scene as a PNG: P") {
-                self.asked.push(Asked::Picture);
+                self.requests.push(PanelRequest::Picture);
             }
             let name = if self.state.recording {
                 "Stop recording"
@@ -431,7 +431,7 @@ impl Panel<'_> {
                 "Record"
             };
             if self.button(ui, name, "an animated GIF: G") {
-                self.asked.push(Asked::Record);
+                self.requests.push(PanelRequest::Record);
             }
             let mut help = self.state.help;
             self.check(ui, "keys", &mut help);

@@ -13,14 +13,14 @@ use crate::panel::{Control, Value};
 /// The widgets of one picture.
 #[derive(Debug, Default)]
 pub struct Widgets {
-    wanted: bool,
+    is_enabled: bool,
     all: Vec<Json>,
 }
 
 impl Widgets {
-    pub fn new(wanted: bool) -> Self {
+    pub fn new(is_enabled: bool) -> Self {
         Self {
-            wanted,
+            is_enabled,
             all: Vec::new(),
         }
     }
@@ -30,7 +30,7 @@ impl Widgets {
     }
 
     pub fn control(&mut self, name: &str, response: &Response, control: &Control, value: Value) {
-        if !self.wanted {
+        if !self.is_enabled {
             return;
         }
         let mut shown = control.clone();
@@ -39,7 +39,7 @@ impl Widgets {
     }
 
     fn add(&mut self, name: &str, response: &Response, value: Json) {
-        if self.wanted {
+        if self.is_enabled {
             let rect = response.rect;
             self.all.push(json!({
                 "name": name,

@@ -140,11 +140,11 @@ fn a_moved_node_gets_the_radius_of_the_hand_and_a_volume_that_is_kept() {
             apart(&same, &before)
         );
         // A move outwards, to another side, and along the axis, which has no effect.
-        let wanted = 0.031;
-        let to = Point3::new(handle.at.x + 0.01, 0.6 * wanted, -0.8 * wanted);
+        let distance = 0.031;
+        let to = Point3::new(handle.at.x + 0.01, 0.6 * distance, -0.8 * distance);
         let moved = done(&session, Command::Move { handle: node, to });
         assert!(
-            (off_axis(&moved.handles[node].at) - wanted).abs() <= T18,
+            (off_axis(&moved.handles[node].at) - distance).abs() <= T18,
             "{length}"
         );
         assert_eq!(reading(&moved, "Length"), reading(&before, "Length"));
@@ -201,11 +201,11 @@ fn every_control_at_both_ends_runs_or_says_why_not() {
     let refused = at_both_ends(
         &session,
         |control| control.path().is_some_and(is_of_muscle),
-        |session, told| {
+        |session, context| {
             for _ in 0..8 {
                 let shot = done(session, Command::Step);
-                assert!(shot.failed.is_none(), "{told}: {:?}", shot.failed);
-                assert!(reading(&shot, "Volume error").abs() <= T18, "{told}");
+                assert!(shot.failed.is_none(), "{context}: {:?}", shot.failed);
+                assert!(reading(&shot, "Volume error").abs() <= T18, "{context}");
             }
         },
     );

@@ -3,7 +3,7 @@
 use pliant_viewer::panel::Control;
 use pliant_viewer::{Command, Session, Snapshot};
 
-use super::{done, told};
+use super::{answer_to, done};
 
 fn now(shot: &Snapshot, like: &Control) -> Option<Control> {
     shot.controls
@@ -33,26 +33,26 @@ pub fn at_both_ends(
     );
     for control in controls {
         for share in [0.0, 1.0] {
-            let told_so = format!("{}/{} at {share}", control.group, control.label);
+            let context = format!("{}/{} at {share}", control.group, control.label);
             let command = control
                 .command(control.at(share))
-                .unwrap_or_else(|e| panic!("{told_so}: {e}"));
+                .unwrap_or_else(|e| panic!("{context}: {e}"));
             let before = session.latest().refused.clone();
-            let shot = told(session, command);
+            let shot = answer_to(session, command);
             if shot.refused != before {
                 let (_, why) = shot.refused.clone().unwrap_or_default();
-                assert!(why.len() > 20, "{told_so}: {why}");
-                refused.push(format!("{told_so}: {why}"));
+                assert!(why.len() > 20, "{context}: {why}");
+                refused.push(format!("{context}: {why}"));
                 continue;
             }
             if let Some(moved) = now(&shot, &control) {
                 assert!(
                     (moved.share() - share).abs() < 1e-9,
-                    "{told_so}: it shows {}",
+                    "{context}: it shows {}",
                     moved.share()
                 );
             }
-            settled(session, &told_so);
+            settled(session, &context);
         }
         if let Some(path) = control.path() {
             let back = done(

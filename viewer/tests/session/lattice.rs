@@ -8,7 +8,7 @@ use pliant::simulation::LatticeRun;
 use pliant_viewer::{Command, Pace, Session, Snapshot, Tissue};
 
 use super::ends::at_both_ends;
-use super::{assert_refused, bits, done, set, shown, told};
+use super::{answer_to, assert_refused, bits, done, set, shown};
 use pliant::testing::tolerances::{T9, worst};
 
 const SMALL: &str = "lattice.points=[5,5,6]";
@@ -215,14 +215,14 @@ fn every_control_at_both_ends_runs() {
     let refused = at_both_ends(
         &session,
         |_| true,
-        |session, told| {
+        |session, context| {
             for _ in 0..3 {
                 let shot = done(session, Command::Step);
-                assert!(shot.failed.is_none(), "{told}: {:?}", shot.failed);
+                assert!(shot.failed.is_none(), "{context}: {:?}", shot.failed);
                 let x = &shot.bodies[0].positions;
                 assert!(
                     x.iter().all(|p| p.coords.norm() < 1.0),
-                    "{told}: it exploded"
+                    "{context}: it exploded"
                 );
             }
         },
@@ -281,7 +281,7 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
     let mut run = straight(&[]);
     (0..2).for_each(|_| drop(run.step()));
     assert_eq!(
-        bits(&told(&session, Command::Step).bodies[0].positions),
+        bits(&answer_to(&session, Command::Step).bodies[0].positions),
         bits(&run.surface_at())
     );
 }

@@ -38,17 +38,17 @@ fn simulation(name: &str, overrides: &[&str]) -> Simulation {
     Simulation::new(scene).unwrap_or_else(|e| panic!("{}", e.terse()))
 }
 
-fn told(session: &Session, command: Command) -> Arc<Snapshot> {
+fn answer_to(session: &Session, command: Command) -> Arc<Snapshot> {
     let number = session.send(command.clone());
     session
         .wait(LONG, |shot| shot.answered >= number)
         .unwrap_or_else(|| panic!("no answer to {command:?}"))
 }
 
-/// [`told`] for a command that must be accepted.
+/// [`answer_to`] for a command that must be accepted.
 fn done(session: &Session, command: Command) -> Arc<Snapshot> {
     let before = session.latest().refused.clone();
-    let shot = told(session, command.clone());
+    let shot = answer_to(session, command.clone());
     assert_eq!(shot.refused, before, "{command:?}");
     shot
 }

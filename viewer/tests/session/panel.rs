@@ -4,7 +4,7 @@
 use pliant_viewer::panel::{Control, Kind, NoValue, Value, controls};
 use pliant_viewer::{Command, Pace, Session};
 
-use super::{HIP, done, session, set, told, why_refused};
+use super::{HIP, answer_to, done, session, set, why_refused};
 
 fn of(session: &Session, name: &str, overrides: &[&str]) -> Vec<Control> {
     let start = super::recipe(name, overrides)
@@ -24,7 +24,7 @@ fn a_panel_has_what_its_scene_has_and_nothing_else() {
     let hip = session("hip", &HIP, Pace::paused());
     let expected = "stretch/stretch bending/bending volume/volume volume/pressure anisotropy/anisotropy \
         anisotropy/strength anisotropy/power contact/contact contact/thickness contact/friction damping/damping damping/rate \
-        muscle gluteus/stretch,muscle gluteus/bending,muscle gluteus/density solver/accuracy wished solver/solver solver/substeps \
+        muscle gluteus/stretch,muscle gluteus/bending,muscle gluteus/density solver/target accuracy solver/solver solver/substeps \
         solver/iterations solver/tolerance,solver/order of a sweep,bone femur/by its motion,bone femur/angle";
     let shown = names(&of(&hip, "hip", &HIP)).join(",");
     let plain = |text: &str| text.replace([' ', ','], "");
@@ -75,16 +75,16 @@ fn moved(name: &str, overrides: &[&str]) -> Vec<String> {
     let mut refused = Vec::new();
     for control in of(&session, name, overrides) {
         for share in [0.0, 1.0] {
-            let told_so = format!("{name}: {}/{} at {share}", control.group, control.label);
+            let context = format!("{name}: {}/{} at {share}", control.group, control.label);
             let command = control
                 .command(control.at(share))
-                .unwrap_or_else(|e| panic!("{told_so}: {e}"));
+                .unwrap_or_else(|e| panic!("{context}: {e}"));
             let before = session.latest().refused.clone();
-            let shot = told(&session, command.clone());
+            let shot = answer_to(&session, command.clone());
             if shot.refused != before {
                 let (_, why) = shot.refused.clone().unwrap_or_default();
-                assert!(why.len() > 20, "{told_so}: {why}");
-                refused.push(format!("{told_so}: {why}"));
+                assert!(why.len() > 20, "{context}: {why}");
+                refused.push(format!("{context}: {why}"));
                 continue;
             }
             let now = of(&session, name, overrides);
@@ -95,14 +95,14 @@ fn moved(name: &str, overrides: &[&str]) -> Vec<String> {
             {
                 assert!(
                     (moved.share() - share).abs() < 1e-9,
-                    "{told_so}: it shows {}",
+                    "{context}: it shows {}",
                     moved.share()
                 );
             }
             // The greatest number of steps in the range would take too long.
             if !matches!(control.kind, Kind::Whole { .. }) {
                 let shot = done(&session, Command::Step);
-                assert!(shot.failed.is_none(), "{told_so}: {:?}", shot.failed);
+                assert!(shot.failed.is_none(), "{context}: {:?}", shot.failed);
             }
         }
         if let Some(path) = control.path() {

@@ -16,7 +16,7 @@ use pliant_cli::report::results::Results;
 use pliant_cli::report::run::{RunOptions, perform};
 use pliant_viewer::{Command, Pace, Replay, ReplayError, Session, Snapshot, Tissue};
 
-use super::{HIP, LONG, bits, done, simulation, told, why_refused};
+use super::{HIP, LONG, answer_to, bits, done, simulation, why_refused};
 use pliant::testing::tolerances::T18;
 
 /// The state of a frame: vertices of muscles and points of their fibres, poses of bones,
@@ -308,7 +308,7 @@ fn it_runs_forwards_and_backwards_and_rests_at_the_ends() {
 }
 
 #[test]
-fn missing_and_damaged_frames_are_told_and_passed_over() {
+fn missing_and_damaged_frames_are_reported_and_passed_over() {
     let out = Scratch::folder();
     let (simulation, all) = run_into(&out, "distance", &[], 8);
     let file = |frame: usize| out.join(format!("frames/muscle_{frame:04}.vtp"));
@@ -586,5 +586,5 @@ fn a_lattice_is_played() {
         bits(&file_of(&out, "lattice_0008.vtp")),
         "control"
     );
-    assert!(told(&session, Command::Pause).refused.is_none());
+    assert!(answer_to(&session, Command::Pause).refused.is_none());
 }

@@ -9,7 +9,7 @@ use pliant::simulation::{Assets, Plan, Simulation};
 use pliant_viewer::panel::{Control, Kind, Value, controls};
 use pliant_viewer::{Command, Pace, Recipe, Session};
 
-use super::{HIP, computed, done, free_vertex, recipe, session, set, shown, told};
+use super::{HIP, answer_to, computed, done, free_vertex, recipe, session, set, shown};
 
 const SOLVERS: [&str; 4] = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
 
@@ -78,7 +78,7 @@ impl Pair {
     /// Makes a change; `None` if it is rejected.
     fn turn(&mut self, command: Command, recipe: Recipe, what: &str) -> Option<()> {
         let before = self.session.latest().refused.clone();
-        let is_refused = told(&self.session, command).refused != before;
+        let is_refused = answer_to(&self.session, command).refused != before;
         let next = recipe
             .scene()
             .ok()
@@ -323,6 +323,6 @@ fn what_is_known_of_contact_goes_on() {
         .for_each(|key| key.pose.translation.vector.x += 1e-4);
     assert!(
         lookups(&pair.going_on(&moved).expect("moved")) >= vertices,
-        "a bone that jumps is met anew"
+        "the contacts of a bone that jumps are found again"
     );
 }

@@ -13,7 +13,7 @@ use pliant::simulation::{SkinRun, Stepped};
 use pliant_viewer::{Command, Pace, Session, Snapshot, Tissue};
 
 use super::ends::at_both_ends;
-use super::{LONG, assert_refused, bits, done, session, set, shown, told};
+use super::{LONG, answer_to, assert_refused, bits, done, session, set, shown};
 use pliant::testing::tolerances::{T6, T9, worst};
 
 /// Coarse, because the test compares the session and not the skin.
@@ -61,7 +61,7 @@ fn arrived(session: &Session, before: &Snapshot) -> Arc<Snapshot> {
 
 fn move_to(session: &Session, x: f64, y: f64) -> Arc<Snapshot> {
     // From above, because the skin may be lifted.
-    told(
+    answer_to(
         session,
         Command::Move {
             handle: 0,
@@ -146,13 +146,13 @@ fn a_moved_implant_lies_where_a_fresh_start_puts_it() {
     let fresh = straight("flat-implant", &[&FLAT[..], &[at]].concat(), 1);
     // The position of the hand is rounded; equilibria are accurate to a thousandth of their
     // area.
-    let (found, wanted) = (
+    let (found, expected) = (
         reading(&moved, "Area gained") / 1e4,
         fresh.parts[0].frames[0].areas.gain(),
     );
     assert!(
-        (found / wanted - 1.0).abs() <= 1e-3,
-        "{found} and {wanted} m2"
+        (found / expected - 1.0).abs() <= 1e-3,
+        "{found} and {expected} m2"
     );
     let volume = measures::volume(&moved.bodies[1].positions, &moved.stage.bodies[1].triangles);
     assert!((volume / 100e-6 - 1.0).abs() <= T6);
@@ -169,12 +169,12 @@ fn a_moved_implant_lies_where_a_fresh_start_puts_it() {
         shown(&before),
         computed(&straight("flat-implant", &FLAT, 1))
     );
-    let way = middle(&moved.bodies[1].positions) - middle(&before.bodies[1].positions);
+    let displacement = middle(&moved.bodies[1].positions) - middle(&before.bodies[1].positions);
     // From 1.4 mm to 30 mm. The middle of its vertices follows the triangles above it, to a
     // tenth of an edge.
     assert!(
-        (way.xy() - nalgebra::Vector2::new(0.0286, 0.02)).norm() <= 1e-3,
-        "{way}"
+        (displacement.xy() - nalgebra::Vector2::new(0.0286, 0.02)).norm() <= 1e-3,
+        "{displacement}"
     );
     let reset = done(&session, Command::Reset);
     assert_eq!(reset.frame, 0);
@@ -266,9 +266,13 @@ fn every_control_at_both_ends_runs_or_says_why_not() {
         let refused = at_both_ends(
             &session,
             |c| !is_turn(c.path()),
-            |session, told| {
+            |session, context| {
                 let shot = done(session, Command::Step);
-                assert!(shot.failed.is_none(), "{name}, {told}: {:?}", shot.failed);
+                assert!(
+                    shot.failed.is_none(),
+                    "{name}, {context}: {:?}",
+                    shot.failed
+                );
             },
         );
         // No volume, a base too small for its edges, a base too large for the sheet; skin as
@@ -285,11 +289,11 @@ fn every_control_at_both_ends_runs_or_says_why_not() {
                 "implant implant/base at 1: ",
             ],
         };
-        let all_told = refused
+        let all_match = refused
             .iter()
             .zip(expected)
             .all(|(why, begins)| why.starts_with(begins));
-        assert!(refused.len() == expected.len() && all_told, "{refused:?}");
+        assert!(refused.len() == expected.len() && all_match, "{refused:?}");
         let Some(turn) = session
             .latest()
             .controls
@@ -378,12 +382,12 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
         handle: 0,
         to: Point3::new(0.09, 0.0, 0.0),
     });
-    let is_told = |shot: &Snapshot| {
+    let is_answered = |shot: &Snapshot| {
         shot.refused
             .as_ref()
             .is_some_and(|(refused, _)| *refused == number)
     };
-    let shot = session.wait(LONG, is_told).expect("a refusal");
+    let shot = session.wait(LONG, is_answered).expect("a refusal");
     let (_, why) = shot.refused.clone().unwrap_or_default();
     assert!(
         why.contains("reaches the border") && why.contains("would fit there"),

@@ -59,7 +59,7 @@ impl Drawn {
 
     pub(super) fn new(morph: &Morph<'_>, unit: &str) -> Result<Self, PictureError> {
         let shapes: Vec<Shape> = morph.shapes.iter().map(centred).collect();
-        let ways = match (shapes.first(), shapes.last()) {
+        let distances = match (shapes.first(), shapes.last()) {
             (Some(a), Some(b)) => a
                 .places
                 .iter()
@@ -68,9 +68,9 @@ impl Drawn {
                 .collect(),
             _ => Vec::new(),
         };
-        let range = (0.0, max_or_nan(ways.iter().copied()));
+        let range = (0.0, max_or_nan(distances.iter().copied()));
         let legend = Legend::new(
-            "Way",
+            "Distance",
             if morph.unit.is_some() { unit } else { "" },
             range,
             ColourMap::Viridis,
@@ -87,7 +87,7 @@ impl Drawn {
             let surface = Surface::field(
                 &shape.places,
                 &morph.between.triangles,
-                &ways,
+                &distances,
                 range,
                 ColourMap::Viridis,
             );

@@ -120,7 +120,7 @@ fn an_implant_is_filled_over_days() {
 }
 
 #[test]
-fn one_volume_is_told_in_the_table_and_not_plotted() {
+fn one_volume_stands_in_the_table_and_not_plotted() {
     let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(32)).unwrap();

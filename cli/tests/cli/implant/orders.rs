@@ -10,7 +10,7 @@ fn bad_orders_say_what_to_change() {
     let scratch = Scratch::folder();
     let file = scratch.join("sheet.obj");
     fs::write(&file, sheet(16)).unwrap();
-    let refused = |more: &[&str], wanted: &str| {
+    let refused = |more: &[&str], expected: &str| {
         let done = run(&[
             &[
                 "implant",
@@ -23,7 +23,7 @@ fn bad_orders_say_what_to_change() {
         .concat());
         let said = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{more:?}: {said}");
-        assert!(said.contains(wanted), "{more:?}: {said}");
+        assert!(said.contains(expected), "{more:?}: {said}");
     };
     let at = ["--unit", "cm", "--at", "0,0,0"];
     let with = |more: &[&'static str]| [&at[..], more].concat();
@@ -143,11 +143,11 @@ fn senseless_orders_are_refused_in_the_words_of_the_user() {
         "--out",
         shown(&out),
     ];
-    let refused = |more: &[&str], wanted: &[&str]| {
+    let refused = |more: &[&str], expected: &[&str]| {
         let done = run(&[&common[..], more].concat());
         let said = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{more:?}: {said}");
-        wanted
+        expected
             .iter()
             .for_each(|word| assert!(said.contains(word), "{more:?}: no `{word}` in {said}"));
         said

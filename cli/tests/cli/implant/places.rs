@@ -10,7 +10,7 @@ use super::super::{Scratch, measures, run, shown, text};
 use super::{obj, sheet};
 
 #[test]
-fn a_base_that_goes_round_the_body_is_told_from_a_border() {
+fn a_base_that_goes_round_the_body_is_distinguished_from_a_border() {
     let scratch = Scratch::folder();
     let (file, out) = (scratch.join("ball.obj"), scratch.join("out"));
     fs::write(&file, obj(&icosphere(0.1, 3))).unwrap();
@@ -29,10 +29,13 @@ fn a_base_that_goes_round_the_body_is_told_from_a_border() {
         (done.status.code(), text(&done.stderr))
     };
     // The one reaches round as far as skin was looked at, under the other all of the ball was.
-    for (base, wanted) in [("18.5cm", "goes round the body"), ("25cm", "turns away by")] {
+    for (base, expected) in [("18.5cm", "goes round the body"), ("25cm", "turns away by")] {
         let (code, said) = with(base);
         assert_eq!(code, Some(2), "{said}");
-        assert!(said.contains(wanted) && !said.contains("border"), "{said}");
+        assert!(
+            said.contains(expected) && !said.contains("border"),
+            "{said}"
+        );
         let fits = said
             .split("a base of ")
             .last()
@@ -43,7 +46,7 @@ fn a_base_that_goes_round_the_body_is_told_from_a_border() {
 }
 
 #[test]
-fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_before() {
+fn implants_that_share_skin_are_named_by_their_numbers_and_every_file_is_known_before() {
     let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(32)).unwrap();
@@ -71,7 +74,7 @@ fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_be
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
     let result = measures(&summary);
-    let told: Vec<(u64, f64)> = result["implants"]
+    let reported: Vec<(u64, f64)> = result["implants"]
         .as_array()
         .unwrap()
         .iter()
@@ -82,7 +85,7 @@ fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_be
             )
         })
         .collect();
-    assert_eq!(told, [(1, 4.0), (2, 3.0), (3, 5.0)]);
+    assert_eq!(reported, [(1, 4.0), (2, 3.0), (3, 5.0)]);
     assert_eq!(
         result["implants"][0]["shares_skin_with"],
         serde_json::json!([3])
@@ -223,7 +226,7 @@ fn a_crumpled_place_is_refused_by_a_count_before_it_is_refined() {
 }
 
 #[test]
-fn surfaces_that_touch_are_told_by_what_touches() {
+fn surfaces_that_touch_are_named_by_what_touches() {
     let scratch = Scratch::folder();
     let file = scratch.join("sheet.obj");
     // A second sheet that has one vertex in common with the first.
