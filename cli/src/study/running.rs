@@ -153,6 +153,9 @@ fn of_others(
     for (name, value) in scenario.measures() {
         numbers.push((name.to_owned(), value));
     }
+    if numbers.iter().all(|(name, _)| name != "time_s") {
+        numbers.push(("time_s".to_owned(), looks.frames_s));
+    }
     Some(Outcome {
         frames: scenario.frame(),
         not_converged: usize::from(!scenario.converged()),
@@ -208,10 +211,13 @@ struct Looks<'a> {
     scene: SceneDescription,
     positions: Vec<(usize, Positions)>,
     stretch: f64,
+    /// Wall time of the frames [s].
+    frames_s: f64,
 }
 
 impl<S: Scenario + ?Sized> Observer<S> for Looks<'_> {
-    fn frame(&mut self, scenario: &S, _: Duration) -> ControlFlow<()> {
+    fn frame(&mut self, scenario: &S, took: Duration) -> ControlFlow<()> {
+        self.frames_s += took.as_secs_f64();
         // A stopped body stays in place and gives no picture at that frame.
         let stopped = match scenario.kind() {
             ScenarioKind::Muscles(simulation) => {
@@ -236,6 +242,7 @@ impl<'a> Looks<'a> {
             scene,
             positions: Vec::new(),
             stretch: 0.0,
+            frames_s: 0.0,
         }
     }
 
