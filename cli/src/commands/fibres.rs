@@ -20,10 +20,10 @@ use pliant::contact::Surface;
 use pliant::fibres::SlicesError;
 use pliant::fibres::SpringsError;
 use pliant::fibres::harmonic::{DecompositionError, HarmonicOptions};
-use pliant::fibres::quality::{measure, tendons};
+use pliant::fibres::quality::{Quality, measure, tendons};
 use pliant::fibres::{
-    Area, Attachment, AttachmentError, BoundLines, FibreMethod, MethodError, RegisteredLines,
-    Smoothing, Template, Tendon, decompose_by, measure_fibres, register,
+    Area, Attachment, AttachmentError, BoundLines, FibreMeasures, FibreMethod, Fibres, MethodError,
+    RegisteredLines, Smoothing, Template, Tendon, decompose_by, measure_fibres, register,
 };
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
@@ -127,6 +127,77 @@ struct Given {
     notes: Vec<String>,
 }
 
+/// The fibres by the chosen method; `None` after Ctrl-C.
+fn decomposed(
+    arguments: &Arguments,
+    given: &Given,
+    template: Option<(&str, Template)>,
+    begun: Instant,
+    stop: &AtomicBool,
+) -> Result<Option<Fibres>, Failure> {
+    let method = match (arguments.method.as_str(), template) {
+        ("springs", Some((_, template))) => FibreMethod::Springs(template),
+        ("slices", Some((_, template))) => FibreMethod::Slices(template),
+        ("superficial", _) => FibreMethod::Superficial(&given.lines.lines),
+        _ => FibreMethod::Harmonic,
+    };
+    let options = HarmonicOptions {
+        count: arguments.count as usize,
+        points: arguments.points as usize,
+    };
+    let smoothing = Smoothing {
+        steps: arguments.smooth_steps,
+        factor: arguments.smooth_factor,
+    };
+    let (muscle, attachment) = (&given.muscle, &given.attachment);
+    match followed(begun, stop, |progress| {
+        decompose_by(muscle, attachment, method, options, smoothing, progress)
+    }) {
+        Err(MethodError::Flow(DecompositionError::Stopped)) => Ok(None),
+        other => other.map(Some).map_err(|error| undone(&error)),
+    }
+}
+
+/// The measures of the fibres.
+fn summary(
+    arguments: &Arguments,
+    given: &Given,
+    template: Option<&str>,
+    made: &Fibres,
+    each: &[FibreMeasures],
+    quality: Quality,
+    decomposition_s: f64,
+) -> Summary {
+    let Given {
+        muscle,
+        attachment,
+        lines,
+        ..
+    } = given;
+    let volume = made.closed.mesh.volume().abs();
+    let off = |area: &Area| max_or_nan(area.distances.iter().copied());
+    let lengths = each.iter().map(|e| e.length_m);
+    Summary {
+        method: arguments.method.clone(),
+        template: template.map(str::to_owned),
+        decomposition_s,
+        vertices: muscle.vertices.len(),
+        volume_m3: volume,
+        cross_section_m2: volume / quality.length_mean_m,
+        length_min_m: lengths.clone().fold(f64::INFINITY, f64::min),
+        length_max_m: max_or_nan(lengths),
+        origin_area_m2: size(muscle, &attachment.origin),
+        insertion_area_m2: size(muscle, &attachment.insertion),
+        origin_distance_max_m: off(&attachment.origin),
+        insertion_distance_max_m: off(&attachment.insertion),
+        lines: lines.lines.len(),
+        lines_distance_max_m: lines.distance_max,
+        smooth_steps: arguments.smooth_steps,
+        smooth_factor: arguments.smooth_factor,
+        quality,
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let all_begun = Instant::now();
     let unit = length_unit(&arguments.unit)?;
@@ -149,27 +220,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         lines,
         notes,
     } = &given;
-    let method = match (arguments.method.as_str(), template) {
-        ("springs", Some((_, template))) => FibreMethod::Springs(template),
-        ("slices", Some((_, template))) => FibreMethod::Slices(template),
-        ("superficial", _) => FibreMethod::Superficial(&lines.lines),
-        _ => FibreMethod::Harmonic,
-    };
-    let options = HarmonicOptions {
-        count: arguments.count as usize,
-        points: arguments.points as usize,
-    };
-    let smoothing = Smoothing {
-        steps: arguments.smooth_steps,
-        factor: arguments.smooth_factor,
-    };
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping");
-    let made = match followed(begun, &stop, |progress| {
-        decompose_by(muscle, attachment, method, options, smoothing, progress)
-    }) {
-        Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
-        other => other.map_err(|error| undone(&error))?,
+    let Some(made) = decomposed(arguments, &given, template, begun, &stop)? else {
+        return Ok(nothing_written());
     };
     let decomposition_s = begun.elapsed().as_secs_f64();
     let quality = measure(
@@ -184,30 +238,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let tendons = tendons_of(attachment, &made.lines);
     let each = measure_fibres(&made.lines, &tendons);
-    let volume = made.closed.mesh.volume().abs();
-    let off = |area: &Area| max_or_nan(area.distances.iter().copied());
-    let summary = Summary {
-        method: arguments.method.clone(),
-        template: template.map(|(name, _)| name.to_owned()),
-        decomposition_s,
-        vertices: muscle.vertices.len(),
-        volume_m3: volume,
-        cross_section_m2: volume / quality.length_mean_m,
-        length_min_m: each
-            .iter()
-            .map(|e| e.length_m)
-            .fold(f64::INFINITY, f64::min),
-        length_max_m: max_or_nan(each.iter().map(|e| e.length_m)),
-        origin_area_m2: size(muscle, &attachment.origin),
-        insertion_area_m2: size(muscle, &attachment.insertion),
-        origin_distance_max_m: off(&attachment.origin),
-        insertion_distance_max_m: off(&attachment.insertion),
-        lines: lines.lines.len(),
-        lines_distance_max_m: lines.distance_max,
-        smooth_steps: smoothing.steps,
-        smooth_factor: smoothing.factor,
+    let template = template.map(|(name, _)| name);
+    let summary = summary(
+        arguments,
+        &given,
+        template,
+        &made,
+        &each,
         quality,
-    };
+        decomposition_s,
+    );
     let (fibres, lines) = (&made.lines[..], &lines.lines[..]);
     let bundle = Bundle {
         name: &name,

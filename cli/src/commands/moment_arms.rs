@@ -234,6 +234,18 @@ fn sweep(arguments: &Arguments) -> Result<Sweep, Failure> {
     })
 }
 
+/// Rejects fewer values of the angle than the smoothing of the curve needs.
+fn check_smooth(values: usize, smooth: usize) -> Result<(), Failure> {
+    let needed = 2 * smooth + 1;
+    if values >= needed {
+        return Ok(());
+    }
+    Err(Failure::usage(
+        format!("{values} values of the angle are too few to smooth over"),
+        format!("--smooth {smooth} needs {needed}, or give --smooth 0"),
+    ))
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     let sweep = sweep(arguments)?;
@@ -256,20 +268,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let name = scene.name.clone();
     let out = arguments.output.folder(&name, "moment-arms");
     let mut running = SweepRun::new(*scene, &sweep)?;
-    if running.angles.len() < 2 * arguments.smooth + 1 {
-        let message = format!(
-            "{} values of the angle are too few to smooth over",
-            running.angles.len()
-        );
-        return Err(Failure::usage(
-            message,
-            format!(
-                "--smooth {} needs {}, or give --smooth 0",
-                arguments.smooth,
-                2 * arguments.smooth + 1
-            ),
-        ));
-    }
+    check_smooth(running.angles.len(), arguments.smooth)?;
     let folder = Folder::open(&out)?;
     let values = running.angles.len();
     let mut written = Written {

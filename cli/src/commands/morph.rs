@@ -32,7 +32,7 @@ Examples:
   pliant morph a.obj b.obj --topology first --method relaxation --json > summary.json
 
 Both surfaces must be closed, in one piece and without handles; `pliant check FILE --repair DIR` mends most that are not. Each is
-spread over a sphere without folds, the first is turned and drawn until like parts lie over each other, and with `--topology merged`
+spread over a sphere without folds, the first is turned and deformed until like parts lie over each other, and with `--topology merged`
 the surface in between has the vertices and edges of both, so that both ends are reproduced exactly; with `first` it has those of A.
 
 PAIRS is a text file with a line `VERTEX_OF_A VERTEX_OF_B` for each pair that must meet, vertices counted from 0 as in the files,

@@ -196,7 +196,7 @@ pub struct Summary {
     topology: &'static str,
     pairs: usize,
     aligned_by: &'static str,
-    drawn_deg: f64,
+    deformed_deg: f64,
     a: Side,
     b: Side,
     vertices: usize,
@@ -220,9 +220,12 @@ pub struct Summary {
 
 impl Summary {
     /// Displacement of the map of A towards similar places, if any.
-    fn drawn(&self) -> String {
-        if self.drawn_deg > 0.0 {
-            format!(", the map of A drawn by {:.1} degrees", self.drawn_deg)
+    fn deformed(&self) -> String {
+        if self.deformed_deg > 0.0 {
+            format!(
+                ", the map of A deformed by {:.1} degrees",
+                self.deformed_deg
+            )
         } else {
             String::new()
         }
@@ -250,7 +253,7 @@ impl Summary {
             self.triangles,
             self.euler,
             self.aligned_by,
-            self.drawn(),
+            self.deformed(),
             number(self.volume_0),
             number(self.volume_1),
             self.frames,
@@ -319,7 +322,7 @@ impl Morph<'_> {
             topology: self.words[2],
             pairs: self.pairs.len(),
             aligned_by: between.start.name(),
-            drawn_deg: between.drawn.to_degrees(),
+            deformed_deg: between.drawn.to_degrees(),
             vertices: between.kinds.len(),
             triangles: between.triangles.len(),
             crossings: between.kinds.iter().filter(|k| **k == 2).count(),

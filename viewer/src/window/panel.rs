@@ -1,5 +1,8 @@
 //! The panel: state of the run, all controls, visible objects, the picked vertex.
 
+use std::ops::RangeInclusive;
+
+use kiss3d::egui::emath::Numeric;
 use kiss3d::egui::{self, Color32, RichText, Slider, SliderClamping, Ui};
 
 use super::plots;
@@ -101,6 +104,17 @@ impl Panel<'_> {
 
     fn check(&mut self, ui: &mut Ui, name: &'static str, on: &mut bool) {
         let response = ui.checkbox(on, name);
+        self.widgets.seen(name, &response);
+    }
+
+    fn slide<T: Numeric>(
+        &mut self,
+        ui: &mut Ui,
+        name: &'static str,
+        value: &mut T,
+        range: RangeInclusive<T>,
+    ) {
+        let response = ui.add(Slider::new(value, range).text(name));
         self.widgets.seen(name, &response);
     }
 
@@ -286,88 +300,92 @@ impl Panel<'_> {
         egui::CollapsingHeader::new("View")
             .default_open(true)
             .show(ui, |ui| {
-                ui.horizontal(|ui| {
-                    let views: [(&'static str, [i8; 3]); 4] = [
-                        ("Front", [0, 0, 1]),
-                        ("Side", [1, 0, 0]),
-                        ("Back", [0, 0, -1]),
-                        ("Top", [0, 1, 0]),
-                    ];
-                    if self.button(ui, "First", "as at the start: H") {
-                        self.requests.push(PanelRequest::FirstView);
-                    }
-                    for (name, from) in views {
-                        if self.button(ui, name, "from there") {
-                            self.requests.push(PanelRequest::View(from));
-                        }
-                    }
-                });
-                let there: Vec<Field> = Field::ALL
-                    .into_iter()
-                    .filter(|field| {
-                        self.shot
-                            .bodies
-                            .iter()
-                            .any(|body| !field.values(body).is_empty())
-                    })
-                    .collect();
-                ui.horizontal(|ui| {
-                    if !there.is_empty() {
-                        ui.label("colours");
-                    }
-                    for field in there {
-                        let response =
-                            ui.selectable_label(self.colouring.field == field, field.name());
-                        self.widgets.seen(field.name(), &response);
-                        if response.clicked() {
-                            *self.colouring = Colouring::new(field);
-                        }
-                    }
-                });
-                let mut settings = self.settings.clone();
-                let stage = self.shot.stage.clone();
-                let has_bones = !stage.bones.is_empty()
-                    || stage.bodies.iter().any(|body| body.tissue == Tissue::Bone);
-                if has_bones {
-                    let response =
-                        ui.add(Slider::new(&mut settings.bones, 0.0..=1.0).text("bones"));
-                    self.widgets.seen("bones", &response);
-                }
-                if stage.bodies.iter().any(|body| body.tissue == Tissue::Skin) {
-                    let response = ui.add(Slider::new(&mut settings.skin, 0.0..=1.0).text("skin"));
-                    self.widgets.seen("skin", &response);
-                }
-                ui.horizontal(|ui| {
-                    self.check(ui, "wire frame", &mut settings.wireframe);
-                    if stage.bodies.iter().any(|body| !body.fibres.is_empty()) {
-                        self.check(ui, "fibres", &mut settings.fibres);
-                    }
-                });
-                ui.horizontal(|ui| {
-                    if stage.bodies.iter().any(|body| !body.held.is_empty()) {
-                        self.check(ui, "attachments", &mut settings.attachments);
-                    }
-                    // Only scenes of muscles report contact.
-                    if self
-                        .shot
-                        .scene
-                        .as_ref()
-                        .is_some_and(|scene| scene.effects.contact.is_some())
-                    {
-                        self.check(ui, "contacts", &mut settings.contacts);
-                    }
-                });
-                let pi = std::f64::consts::PI;
-                let response = ui
-                    .add(Slider::new(&mut settings.light.0, -pi..=pi).text("light from the right"));
-                self.widgets.seen("light from the right", &response);
-                let response = ui.add(
-                    Slider::new(&mut settings.light.1, -0.5 * pi..=0.5 * pi)
-                        .text("light from above"),
-                );
-                self.widgets.seen("light from above", &response);
-                *self.settings = settings;
+                self.directions(ui);
+                self.fields(ui);
+                self.visible(ui);
+                self.light(ui);
             });
+    }
+
+    /// The directions of view.
+    fn directions(&mut self, ui: &mut Ui) {
+        let views: [(&'static str, [i8; 3]); 4] = [
+            ("Front", [0, 0, 1]),
+            ("Side", [1, 0, 0]),
+            ("Back", [0, 0, -1]),
+            ("Top", [0, 1, 0]),
+        ];
+        ui.horizontal(|ui| {
+            if self.button(ui, "First", "as at the start: H") {
+                self.requests.push(PanelRequest::FirstView);
+            }
+            for (name, from) in views {
+                if self.button(ui, name, "from there") {
+                    self.requests.push(PanelRequest::View(from));
+                }
+            }
+        });
+    }
+
+    /// The choice of the coloured field among those with values.
+    fn fields(&mut self, ui: &mut Ui) {
+        let bodies = &self.shot.bodies;
+        let there: Vec<Field> = Field::ALL
+            .into_iter()
+            .filter(|field| bodies.iter().any(|body| !field.values(body).is_empty()))
+            .collect();
+        ui.horizontal(|ui| {
+            if !there.is_empty() {
+                ui.label("colours");
+            }
+            for field in there {
+                let response = ui.selectable_label(self.colouring.field == field, field.name());
+                self.widgets.seen(field.name(), &response);
+                if response.clicked() {
+                    *self.colouring = Colouring::new(field);
+                }
+            }
+        });
+    }
+
+    /// The opacity of bones and skin, and what is displayed with the bodies.
+    fn visible(&mut self, ui: &mut Ui) {
+        let mut settings = self.settings.clone();
+        let stage = self.shot.stage.clone();
+        let has_bones =
+            !stage.bones.is_empty() || stage.bodies.iter().any(|body| body.tissue == Tissue::Bone);
+        if has_bones {
+            self.slide(ui, "bones", &mut settings.bones, 0.0..=1.0);
+        }
+        if stage.bodies.iter().any(|body| body.tissue == Tissue::Skin) {
+            self.slide(ui, "skin", &mut settings.skin, 0.0..=1.0);
+        }
+        ui.horizontal(|ui| {
+            self.check(ui, "wire frame", &mut settings.wireframe);
+            if stage.bodies.iter().any(|body| !body.fibres.is_empty()) {
+                self.check(ui, "fibres", &mut settings.fibres);
+            }
+        });
+        ui.horizontal(|ui| {
+            if stage.bodies.iter().any(|body| !body.held.is_empty()) {
+                self.check(ui, "attachments", &mut settings.attachments);
+            }
+            // Only scenes of muscles report contact.
+            let scene = self.shot.scene.as_ref();
+            if scene.is_some_and(|scene| scene.effects.contact.is_some()) {
+                self.check(ui, "contacts", &mut settings.contacts);
+            }
+        });
+        *self.settings = settings;
+    }
+
+    /// The direction of the light [rad].
+    fn light(&mut self, ui: &mut Ui) {
+        let pi = std::f64::consts::PI;
+        let (mut right, mut above) = self.settings.light;
+        self.slide(ui, "light from the right", &mut right, -pi..=pi);
+        self.slide(ui, "light from above", &mut above, -0.5 * pi..=0.5 * pi);
+        self.settings.light = (right, above);
     }
 
     fn picked(&mut self, ui: &mut Ui) {

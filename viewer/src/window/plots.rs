@@ -127,63 +127,59 @@ pub fn plot(ui: &mut Ui, name: &str, lines: &[&Line]) {
         Stroke::new(1.0, FAINT),
         kiss3d::egui::StrokeKind::Inside,
     );
-    let seen = || {
-        lines
-            .iter()
-            .flat_map(|line| &line.points)
-            .filter(|(_, y)| y.is_finite())
+    let seen = lines.iter().flat_map(|line| &line.points);
+    let Some((x, y)) = ranges(seen.filter(|(_, y)| y.is_finite())) else {
+        return;
     };
-    let Some((x, y)) = ranges(seen()) else { return };
     for (k, line) in lines.iter().enumerate() {
         let ink = INKS[k % INKS.len()];
-        let at = |(frame, value): &(f64, f64)| {
-            let right = (frame - x.0) / (x.1 - x.0);
-            let up = (value - y.0) / (y.1 - y.0);
-            pos2(
-                field.left() + field.width() * right as f32,
-                field.bottom() - field.height() * up as f32,
-            )
-        };
-        let points: Vec<Pos2> = line
-            .points
-            .iter()
-            .filter(|(_, y)| y.is_finite())
-            .map(at)
-            .collect();
-        painter.add(Shape::line(points, Stroke::new(1.5, ink)));
-        let Some(now) = line.points.get(line.now) else {
-            continue;
-        };
-        if now.1.is_finite() {
-            painter.circle_filled(at(now), 2.5, ink);
+        curve(&painter, field, (x, y), line, ink);
+        if let Some(now) = line.points.get(line.now) {
+            let place = rect.right_top() + Vec2::new(0.0, 13.0 * k as f32);
+            let text = format!("{} {}", line.of, short(now.1));
+            painter.text(place, Align2::RIGHT_TOP, text.trim(), font.clone(), ink);
         }
-        let place = rect.right_top() + Vec2::new(0.0, 13.0 * k as f32);
-        let text = format!("{} {}", line.of, short(now.1));
-        painter.text(place, Align2::RIGHT_TOP, text.trim(), font.clone(), ink);
     }
-    for (value, place, align) in [
-        (y.1, field.top(), Align2::RIGHT_TOP),
-        (y.0, field.bottom(), Align2::RIGHT_BOTTOM),
+    let (left, bottom) = (field.left() - 4.0, field.bottom() + 2.0);
+    for (text, at, align) in [
+        (short(y.1), pos2(left, field.top()), Align2::RIGHT_TOP),
+        (short(y.0), pos2(left, field.bottom()), Align2::RIGHT_BOTTOM),
+        (
+            format!("{:.0}", x.0),
+            pos2(field.left(), bottom),
+            Align2::LEFT_TOP,
+        ),
+        (
+            format!("{:.0}", x.1),
+            pos2(field.right(), bottom),
+            Align2::RIGHT_TOP,
+        ),
     ] {
-        painter.text(
-            pos2(field.left() - 4.0, place),
-            align,
-            short(value),
-            font.clone(),
-            TEXT,
-        );
+        painter.text(at, align, text, font.clone(), TEXT);
     }
-    for (value, place, align) in [
-        (x.0, field.left(), Align2::LEFT_TOP),
-        (x.1, field.right(), Align2::RIGHT_TOP),
-    ] {
-        painter.text(
-            pos2(place, field.bottom() + 2.0),
-            align,
-            format!("{value:.0}"),
-            font.clone(),
-            TEXT,
-        );
+}
+
+/// The finite points of a line, with a dot at the present frame.
+fn curve(
+    painter: &Painter,
+    field: Rect,
+    (x, y): ((f64, f64), (f64, f64)),
+    line: &Line,
+    ink: Color32,
+) {
+    let at = |(frame, value): &(f64, f64)| {
+        let right = (frame - x.0) / (x.1 - x.0);
+        let up = (value - y.0) / (y.1 - y.0);
+        pos2(
+            field.left() + field.width() * right as f32,
+            field.bottom() - field.height() * up as f32,
+        )
+    };
+    let finite = line.points.iter().filter(|(_, y)| y.is_finite());
+    let points: Vec<Pos2> = finite.map(at).collect();
+    painter.add(Shape::line(points, Stroke::new(1.5, ink)));
+    if let Some(now) = line.points.get(line.now).filter(|now| now.1.is_finite()) {
+        painter.circle_filled(at(now), 2.5, ink);
     }
 }
 

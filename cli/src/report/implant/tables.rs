@@ -112,7 +112,7 @@ impl Insertion<'_> {
                 "   of it uncertain by the mesh [cm2]".to_owned(),
                 String::new(),
                 format!("±{}", cm2.area(error)),
-                "changed by so much from edges twice as long",
+                "its change from edges twice as long",
             ));
         }
         rows.push((

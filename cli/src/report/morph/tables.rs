@@ -36,6 +36,13 @@ pub(super) fn tables(summary: &Summary) -> Vec<Table> {
         "its vertices from the end of the blend, over the size",
         &|s| s.end_miss,
     );
+    [sides, common(summary), data(summary), times(summary)]
+        .into_iter()
+        .filter(|t| !t.rows.is_empty())
+        .collect()
+}
+
+fn common(summary: &Summary) -> Table {
     let mut common = Table::new("Common surface", ["what", "value"]);
     common.row(["vertices", &summary.vertices.to_string()]);
     common.row([
@@ -53,8 +60,12 @@ pub(super) fn tables(summary: &Summary) -> Vec<Table> {
     ]);
     common.row([
         "aligned by",
-        &format!("{}{}", summary.aligned_by, summary.drawn()),
+        &format!("{}{}", summary.aligned_by, summary.deformed()),
     ]);
+    common
+}
+
+fn data(summary: &Summary) -> Table {
     let mut data = Table::new("Point data", ["array", "components", "of"]);
     for array in &summary.arrays {
         let of = if array.of == "both" {
@@ -70,6 +81,10 @@ pub(super) fn tables(summary: &Summary) -> Vec<Table> {
             of.to_owned(),
         ]);
     }
+    data
+}
+
+fn times(summary: &Summary) -> Table {
     let mut times = Table::new("Time [s]", ["part", "seconds"]);
     let t = &summary.times;
     for (part, s) in [
@@ -82,8 +97,5 @@ pub(super) fn tables(summary: &Summary) -> Vec<Table> {
     ] {
         times.row([part.to_owned(), format!("{s:.3}")]);
     }
-    [sides, common, data, times]
-        .into_iter()
-        .filter(|t| !t.rows.is_empty())
-        .collect()
+    times
 }
