@@ -109,7 +109,7 @@ impl Insertion<'_> {
         ];
         if let Some(error) = self.gain_uncertainty() {
             rows.push((
-                "   of it uncertain by the mesh [cm2]".to_owned(),
+                "   uncertainty from the mesh [cm2]".to_owned(),
                 String::new(),
                 format!("±{}", cm2.area(error)),
                 "its change from edges twice as long",
