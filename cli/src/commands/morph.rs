@@ -132,19 +132,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         pairs::read(file, meshes, paths, scale)
     })?;
     let read_s = begun.elapsed().as_secs_f64();
-    let settings = CorrespondenceSettings {
-        method: if arguments.method == "robust" {
-            CorrespondenceMethod::Robust
-        } else {
-            CorrespondenceMethod::Relaxation(Relaxation::default())
-        },
-        shared: if arguments.topology == "merged" {
-            Shared::Merged
-        } else {
-            Shared::First
-        },
-        ..CorrespondenceSettings::default()
-    };
+    let settings = settings(arguments);
     let progress = |_: &str, _: usize, _: usize| if_raised(&stop);
     let between = match Correspondence::new(meshes, &pairs, &settings, &progress) {
         Err(CorrespondenceError::Stopped) => return Ok(nothing_written()),
@@ -189,6 +177,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let output = morph.output().map_err(FolderError::from)?;
     arguments.output.finish(&Folder::open(&out)?, output)
+}
+
+fn settings(arguments: &Arguments) -> CorrespondenceSettings {
+    CorrespondenceSettings {
+        method: if arguments.method == "robust" {
+            CorrespondenceMethod::Robust
+        } else {
+            CorrespondenceMethod::Relaxation(Relaxation::default())
+        },
+        shared: if arguments.topology == "merged" {
+            Shared::Merged
+        } else {
+            Shared::First
+        },
+        ..CorrespondenceSettings::default()
+    }
 }
 
 pub(super) fn nothing_written() -> u8 {

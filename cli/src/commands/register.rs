@@ -86,37 +86,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         RegistrationSurface::new(&b.mesh).map_err(wrong(1))?,
     ];
     let read_s = begun.elapsed().as_secs_f64();
-    let motion = if arguments.with == "rigid" {
-        FitMotion::Rigid
-    } else {
-        FitMotion::Similarity
-    };
-    let settings = RegistrationSettings {
-        motion,
-        ransac: Ransac {
-            good: arguments.overlap,
-            seed: arguments.seed,
-            ..Ransac::default()
-        },
-        icp: Icp {
-            rounds: 200,
-            select: Select::About(MOST),
-            ..Icp::default()
-        },
-        bending: arguments.non_rigid.then(|| NonRigid {
-            clusters: arguments.clusters as usize,
-            ..NonRigid::default()
-        }),
-    };
+    let settings = settings(arguments);
     let registration = match register_surfaces(
         &surfaces[0],
         &surfaces[1],
         &settings,
         &|_: &str, _: usize, _: usize| if_raised(&stop),
     ) {
-        Err(RegisterError::Stopped) => {
-            return Ok(nothing_written());
-        }
+        Err(RegisterError::Stopped) => return Ok(nothing_written()),
         Err(error) => {
             warn(&format!(
                 "error: {error}; lower --overlap, or take --with similarity where sizes differ"
@@ -131,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         meshes: [&a.mesh, &b.mesh],
         data: &a.data,
         registration: &registration,
-        motion,
+        motion: settings.motion,
         overlap: arguments.overlap,
         seed: arguments.seed,
         unit: arguments.unit.as_ref().map(|_| "m"),
@@ -140,6 +117,30 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let output = registration.output().map_err(FolderError::from)?;
     arguments.output.finish(&Folder::open(&out)?, output)
+}
+
+fn settings(arguments: &Arguments) -> RegistrationSettings {
+    RegistrationSettings {
+        motion: if arguments.with == "rigid" {
+            FitMotion::Rigid
+        } else {
+            FitMotion::Similarity
+        },
+        ransac: Ransac {
+            good: arguments.overlap,
+            seed: arguments.seed,
+            ..Ransac::default()
+        },
+        icp: Icp {
+            rounds: 200,
+            select: Select::About(MOST),
+            ..Icp::default()
+        },
+        bending: arguments.non_rigid.then(|| NonRigid {
+            clusters: arguments.clusters as usize,
+            ..NonRigid::default()
+        }),
+    }
 }
 
 fn refused(error: &RegisterError, path: &Path) -> Failure {

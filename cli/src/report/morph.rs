@@ -218,6 +218,22 @@ pub struct Summary {
     verdicts: Vec<Verdict>,
 }
 
+fn verdicts(a: &Side, b: &Side, euler: i64) -> Vec<Verdict> {
+    let worst = max_or_nan([a.end_error, b.end_error]);
+    vec![
+        Verdict::none("triangles of A turned over on the sphere", a.map.flipped),
+        Verdict::none("triangles of B turned over on the sphere", b.map.flipped),
+        Verdict::new("the common surface is a sphere: V - E + F is 2", euler == 2)
+            .with_value(euler as f64)
+            .with_limit(2.0),
+        Verdict::at_most(
+            "distance of the ends from A and B over their size",
+            worst,
+            ENDS,
+        ),
+    ]
+}
+
 impl Summary {
     /// Displacement of the map of A towards similar places, if any.
     fn deformed(&self) -> String {
@@ -287,34 +303,18 @@ impl Morph<'_> {
         let topology =
             pliant::mesh::Topology::of_triangles(between.kinds.len(), &between.triangles);
         let [a, b] = [0, 1].map(|side| self.side(side));
-        let flipped = [a.map.flipped, b.map.flipped];
+        let euler = topology.euler_characteristic();
         let at = |k: usize, of: Measure| {
             self.shapes
                 .get(k)
                 .map_or(0.0, |s| of(&s.places, &between.triangles))
         };
-        let (last, euler) = (
-            self.shapes.len().saturating_sub(1),
-            topology.euler_characteristic(),
-        );
+        let last = self.shapes.len().saturating_sub(1);
         let array = |c: &Carried| CarriedArray {
             name: c.name.clone(),
             components: c.components,
             of: c.sides(),
         };
-        let worst = max_or_nan([a.end_error, b.end_error]);
-        let verdicts = vec![
-            Verdict::none("triangles of A turned over on the sphere", flipped[0]),
-            Verdict::none("triangles of B turned over on the sphere", flipped[1]),
-            Verdict::new("the common surface is a sphere: V - E + F is 2", euler == 2)
-                .with_value(euler as f64)
-                .with_limit(2.0),
-            Verdict::at_most(
-                "distance of the ends from A and B over their size",
-                worst,
-                ENDS,
-            ),
-        ];
         Summary {
             length_unit: self.unit.unwrap_or("that of the files"),
             method: self.words[0],
@@ -328,8 +328,8 @@ impl Morph<'_> {
             crossings: between.kinds.iter().filter(|k| **k == 2).count(),
             euler,
             turned_deg: between.turned.to_degrees(),
-            flipped_a: flipped[0],
-            flipped_b: flipped[1],
+            flipped_a: a.map.flipped,
+            flipped_b: b.map.flipped,
             between: spread(
                 &between.places[0],
                 &between.places[1],
@@ -350,7 +350,7 @@ impl Morph<'_> {
                 merge_s: between.times.merge,
                 blend_s: self.seconds[1],
             },
-            verdicts,
+            verdicts: verdicts(&a, &b, euler),
             a,
             b,
         }

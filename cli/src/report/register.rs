@@ -154,27 +154,32 @@ impl Registration<'_> {
         .to_vec()
     }
 
+    /// Measures of the deformation after the rigid motion, if there was one.
+    fn bending(&self) -> Option<Bending> {
+        let registration = self.registration;
+        let bent = registration.bent.as_ref()?;
+        let motion = &registration.registered.motion;
+        let rigid = self.meshes[0].vertices.iter().map(|p| motion * p);
+        let moved =
+            RegistrationResidual::of(rigid.zip(&registration.points).map(|(p, q)| (q - p).norm()));
+        Some(Bending {
+            clusters: bent.count,
+            rounds: bent.rounds,
+            converged: bent.converged,
+            pairs: bent.pairs,
+            bend_max_deg: bent.bend_max.to_degrees(),
+            moved_rms: moved.rms,
+            moved_max: moved.max,
+        })
+    }
+
     /// Computes the summary.
     pub fn summary(&self) -> Summary {
         let (registration, [a, b]) = (self.registration, self.meshes);
         let motion = &registration.registered.motion;
         let rows = motion.to_homogeneous();
         let share = registration.share();
-        let bent = registration.bent.as_ref().map(|bent| {
-            let rigid = a.vertices.iter().map(|p| motion * p);
-            let moved = RegistrationResidual::of(
-                rigid.zip(&registration.points).map(|(p, q)| (q - p).norm()),
-            );
-            Bending {
-                clusters: bent.count,
-                rounds: bent.rounds,
-                converged: bent.converged,
-                pairs: bent.pairs,
-                bend_max_deg: bent.bend_max.to_degrees(),
-                moved_rms: moved.rms,
-                moved_max: moved.max,
-            }
-        });
+        let bent = self.bending();
         let distances = |r: RegistrationResidual| Distances {
             rms: r.rms,
             median: r.median,

@@ -83,39 +83,17 @@ pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -
         let pictures = pictures(study, &study.all[index], &stage, tall, folder);
         for (c, picture) in pictures.iter().enumerate() {
             let left = LABEL + c * pitch.0;
-            sheet.paste(
-                left,
-                top,
-                picture
-                    .as_ref()
-                    .unwrap_or(&Frame::plain(WIDTH, tall, BLANK)),
-            );
+            match picture {
+                Some(picture) => sheet.paste(left, top, picture),
+                None => draw_blank(&mut sheet, (left, top), tall, row),
+            }
             for (l, (text, colour)) in caption(row, c, picture.is_some())
                 .iter()
                 .take(captions)
                 .enumerate()
             {
-                let down = top + cell.1 + l * LINE;
-                sheet.text(
-                    (left + 4) as i64,
-                    down as i64,
-                    text,
-                    TextStyle::Large,
-                    *colour,
-                );
-            }
-            if picture.is_none() {
-                let text = match row.status() {
-                    "stopped" | "diverged" => "ended before",
-                    _ => "no picture",
-                };
-                sheet.text(
-                    (left + 40) as i64,
-                    (top + cell.1 / 2 - 8) as i64,
-                    text,
-                    TextStyle::Small,
-                    SOFT,
-                );
+                let (x, y) = (left + 4, top + cell.1 + l * LINE);
+                sheet.text(x as i64, y as i64, text, TextStyle::Large, *colour);
             }
         }
     }
@@ -127,6 +105,17 @@ pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -
     legend.draw(&mut key);
     sheet.paste(LABEL + count * pitch.0 + GAP, 0, &key);
     Some(sheet)
+}
+
+/// A blank in place of a picture, with the reason.
+fn draw_blank(sheet: &mut Frame, (left, top): (usize, usize), tall: u32, row: &Row) {
+    sheet.paste(left, top, &Frame::plain(WIDTH, tall, BLANK));
+    let text = match row.status() {
+        "stopped" | "diverged" => "ended before",
+        _ => "no picture",
+    };
+    let (x, y) = (left + 40, top + tall as usize / 2 - 8);
+    sheet.text(x as i64, y as i64, text, TextStyle::Small, SOFT);
 }
 
 /// The text below a picture.

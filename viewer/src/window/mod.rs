@@ -160,53 +160,14 @@ impl Viewer<'_> {
     /// Draws one picture. Returns false if the window is closed.
     async fn picture(&mut self, window: &mut Window) -> bool {
         let shot = self.session.latest();
-        self.history.see(&shot);
-        if shot.frame < self.frame && !self.options.replayed {
-            // A restart has its own range.
-            self.colouring = Colouring::new(self.colouring.field);
-        }
-        self.frame = shot.frame;
-        if self.fitted_to != shot.stage.bodies.len() {
-            self.fitted_to = shot.stage.bodies.len();
-            let seen = self.lens.window.0 - self.lens.panel;
-            self.lens.camera = fitted(&shot, seen / self.lens.window.1.max(1.0));
-        }
-        for body in &shot.bodies {
-            let mut values = self.colouring.field.values(body);
-            values.sort_unstable_by(f64::total_cmp);
-            // A few extreme vertices must not make the rest pale.
-            let covered = (COVERED * values.len() as f64) as usize;
-            self.colouring.see(&values[..covered]);
-        }
-        let scale = window.scale_factor();
-        let size = window.size();
-        self.lens.window = (f64::from(size.x), f64::from(size.y));
-        self.lens.panel = if self.has_panel {
-            f64::from(self.panel_width) * scale
-        } else {
-            0.0
-        };
+        self.see(&shot);
+        self.resize(window);
         self.hear(window, &shot);
         let before = self.colouring.clone();
         let mut widgets = Widgets::new(self.trace.is_some());
         let requests = self.interface(window, &shot, &mut widgets);
-        let afresh = before != self.colouring;
-        // Antialiasing doubles the cost on a processor; a saved picture has it.
-        let is_fine = !self.by_processor || self.capture.is_picture_requested();
-        window.set_samples(if is_fine {
-            NumSamples::Four
-        } else {
-            NumSamples::One
-        });
-        self.nodes
-            .update(&shot, shot.serial, &self.colouring, afresh);
-        self.nodes.style(
-            &self.settings,
-            &shot,
-            &self.colouring,
-            &self.lens.camera.rotation,
-        );
-        self.nodes.overlay(window, &shot, &self.settings);
+        let is_recoloured = before != self.colouring;
+        self.set_scene(window, &shot, is_recoloured);
         let open = window.render_3d(self.nodes.root(), &mut self.lens).await;
         let seen = (self.lens.window.0 - self.lens.panel).max(1.0) as usize;
         if let Some(said) = self.capture.rendered(window, seen) {
@@ -218,18 +179,69 @@ impl Viewer<'_> {
         self.state.recording = self.capture.is_recording();
         if let Some(trace) = &mut self.trace {
             let waiting = self.state.waiting(shot.answered);
-            trace.picture(
-                &shot,
-                widgets,
-                waiting,
-                &places(grips(&shot, &self.lens), &self.lens),
-            );
+            let vertices = places(grips(&shot, &self.lens), &self.lens);
+            trace.picture(&shot, widgets, waiting, &vertices);
         }
         self.pictures.push_back(Instant::now());
         if self.pictures.len() > RATED {
             self.pictures.pop_front();
         }
         open
+    }
+
+    /// Adds a snapshot to the history and to the range of colours. Shows all bodies if their number
+    /// changed.
+    fn see(&mut self, shot: &Shot) {
+        self.history.see(shot);
+        if shot.frame < self.frame && !self.options.replayed {
+            // A restart has its own range.
+            self.colouring = Colouring::new(self.colouring.field);
+        }
+        self.frame = shot.frame;
+        if self.fitted_to != shot.stage.bodies.len() {
+            self.fitted_to = shot.stage.bodies.len();
+            let seen = self.lens.window.0 - self.lens.panel;
+            self.lens.camera = fitted(shot, seen / self.lens.window.1.max(1.0));
+        }
+        for body in &shot.bodies {
+            let mut values = self.colouring.field.values(body);
+            values.sort_unstable_by(f64::total_cmp);
+            // A few extreme vertices must not make the rest pale.
+            let covered = (COVERED * values.len() as f64) as usize;
+            self.colouring.see(&values[..covered]);
+        }
+    }
+
+    /// Takes the sizes of the window and of the panel [px].
+    fn resize(&mut self, window: &Window) {
+        let scale = window.scale_factor();
+        let size = window.size();
+        self.lens.window = (f64::from(size.x), f64::from(size.y));
+        self.lens.panel = if self.has_panel {
+            f64::from(self.panel_width) * scale
+        } else {
+            0.0
+        };
+    }
+
+    /// Updates the nodes of the scene.
+    fn set_scene(&mut self, window: &mut Window, shot: &Snapshot, is_recoloured: bool) {
+        // Antialiasing doubles the cost on a processor; a saved picture has it.
+        let is_fine = !self.by_processor || self.capture.is_picture_requested();
+        window.set_samples(if is_fine {
+            NumSamples::Four
+        } else {
+            NumSamples::One
+        });
+        self.nodes
+            .update(shot, shot.serial, &self.colouring, is_recoloured);
+        self.nodes.style(
+            &self.settings,
+            shot,
+            &self.colouring,
+            &self.lens.camera.rotation,
+        );
+        self.nodes.overlay(window, shot, &self.settings);
     }
 
     /// Pictures per second.

@@ -251,17 +251,7 @@ impl SceneNodes {
         colouring: &Colouring,
         rotation: &UnitQuaternion<f64>,
     ) {
-        let (right, up) = settings.light;
-        let turn = UnitQuaternion::from_euler_angles(0.0, right, 0.0)
-            * UnitQuaternion::from_euler_angles(-up, 0.0, 0.0);
-        let from = rotation * (turn * Vector3::z());
-        let along = -vec3(&Point3::from(from));
-        let light = Light {
-            light_type: LightType::Directional(along),
-            intensity: LIGHT,
-            ..Light::default()
-        };
-        self.light.set_light(Some(light));
+        self.light.set_light(Some(light(settings.light, rotation)));
         for ((node, stage), body) in self
             .bodies
             .iter_mut()
@@ -277,15 +267,12 @@ impl SceneNodes {
             };
             let has_field =
                 stage.tissue != Tissue::Bone && !colouring.field.values(body).is_empty();
-            let plain = match stage.tissue {
-                Tissue::Muscle => colour::MUSCLE,
-                Tissue::Bone => colour::BONE,
-                Tissue::Skin => [0.93, 0.76, 0.66],
-                Tissue::Implant => [0.55, 0.75, 0.95],
-                Tissue::Plain => [0.7, 0.7, 0.75],
-            };
             // The colour multiplies the texture.
-            let tint = if has_field { [1.0; 3] } else { plain };
+            let tint = if has_field {
+                [1.0; 3]
+            } else {
+                colour_of(stage.tissue)
+            };
             node.set_texture(if has_field {
                 self.map.clone()
             } else {
@@ -417,4 +404,27 @@ fn vertex_normals(x: &[Point3<f64>], triangles: &[[u32; 3]], count: usize) -> Ve
     }
     let unit = |n: &Vector3<f64>| n.try_normalize(0.0).unwrap_or_else(Vector3::z);
     sums.iter().map(|n| vec3(&Point3::from(unit(n)))).collect()
+}
+
+/// A light from an angle to the right and an angle above the line of sight [rad].
+fn light((right, up): (f64, f64), rotation: &UnitQuaternion<f64>) -> Light {
+    let turn = UnitQuaternion::from_euler_angles(0.0, right, 0.0)
+        * UnitQuaternion::from_euler_angles(-up, 0.0, 0.0);
+    let from = rotation * (turn * Vector3::z());
+    Light {
+        light_type: LightType::Directional(-vec3(&Point3::from(from))),
+        intensity: LIGHT,
+        ..Light::default()
+    }
+}
+
+/// The colour of a body without a field.
+fn colour_of(tissue: Tissue) -> Rgb {
+    match tissue {
+        Tissue::Muscle => colour::MUSCLE,
+        Tissue::Bone => colour::BONE,
+        Tissue::Skin => [0.93, 0.76, 0.66],
+        Tissue::Implant => [0.55, 0.75, 0.95],
+        Tissue::Plain => [0.7, 0.7, 0.75],
+    }
 }

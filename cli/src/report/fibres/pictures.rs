@@ -153,6 +153,16 @@ impl Bundle<'_> {
         ])
     }
 
+    /// The meshes of the areas of attachment that have one, with their colours.
+    fn patches(&self) -> Vec<(&TriangleMesh, Rgb)> {
+        let areas = [&self.attachment.origin, &self.attachment.insertion];
+        areas
+            .into_iter()
+            .zip([ORIGIN, INSERTION])
+            .filter_map(|(area, colour)| Some((area.patch.as_ref()?, colour)))
+            .collect()
+    }
+
     fn side(
         &self,
         axes: &[Vector3<f64>; 3],
@@ -173,25 +183,12 @@ impl Bundle<'_> {
             colour::MUSCLE,
         )
         .with_opacity(OPACITY);
-        let patches =
-            [&self.attachment.origin, &self.attachment.insertion].map(|area| area.patch.as_ref());
-        let patches = patches
-            .into_iter()
-            .zip([ORIGIN, INSERTION])
-            .filter_map(|(patch, colour)| Some((patch?, colour)));
-        let patches: Vec<(&TriangleMesh, Rgb)> = patches.collect();
-        // A component has all vertices of its file.
-        let used = |mesh: &&TriangleMesh| {
-            mesh.triangles
-                .iter()
-                .flatten()
-                .map(|&v| mesh.vertices[v as usize])
-                .collect()
-        };
-        let ends: Vec<Point3<f64>> = patches
-            .iter()
-            .flat_map(|(mesh, _)| -> Vec<Point3<f64>> { used(mesh) })
-            .collect();
+        let patches = self.patches();
+        // A component has all vertices of its file, also those of other components.
+        let ends = patches.iter().flat_map(|(mesh, _)| {
+            let used = mesh.triangles.iter().flatten();
+            used.map(|&v| mesh.vertices[v as usize])
+        });
         let surfaces = patches
             .iter()
             .map(|(mesh, colour)| Surface::plain(&mesh.vertices, &mesh.triangles, *colour));
@@ -219,7 +216,7 @@ impl Bundle<'_> {
                 ..Lines::new(rim, colour)
             });
         }
-        let points = self.muscle.vertices.iter().chain(&ends).copied();
+        let points = self.muscle.vertices.iter().copied().chain(ends);
         let view = View::orthographic(from, -axes[0]);
         let canvas = Canvas::new(SIZE.0, SIZE.1).with_right(legend.width());
         let mut frame = render(&drawing, &Camera::fit(points, &view, canvas));
