@@ -33,7 +33,7 @@ const SCRIPT: &str = include_str!("turntable.js");
 
 /// The part of a page's policy that permits only this script: its SHA-256.
 pub(super) const POLICY: &str =
-    "; script-src 'sha256-Sf2u9QKDpvz3NBygAulanpCWeFmSaC36Hh4uhWlRNTw='";
+    "; script-src 'sha256-FUl91pgzIWxCqmfZ/0BSFbd0o4DCSlkMIDuHvhO62DU='";
 
 /// Without the script and on paper only the first picture is visible.
 pub(super) const STYLE: &str = "\
