@@ -4,7 +4,6 @@ use nalgebra::Point3;
 
 use super::super::failure::Failure;
 use super::Summary;
-use super::built::Built;
 use super::pictures::Shown;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::output::{DataFile, OutputFile, Picture, Plot, RunOutput, measures};
@@ -13,6 +12,7 @@ use pliant::format::number;
 use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
+use pliant::simulation::SpringsRun;
 use pliant::springs::{SpringSystem, StepRecord};
 
 /// Greatest number of rows in the table of steps; a longer run keeps every second step, and so on.
@@ -31,7 +31,6 @@ pub(super) struct Record {
     shown: Shown,
     rows: Vec<(StepRecord, f64)>,
     stride: usize,
-    time: f64,
     every: Option<u32>,
     series: Collection,
     failed: Option<FolderError>,
@@ -41,40 +40,36 @@ impl Record {
     /// Starts with the initial state and writes it.
     pub(super) fn begin(
         folder: Folder,
-        built: &Built,
+        run: &SpringsRun,
         every: Option<u32>,
     ) -> Result<Self, Failure> {
+        let model = &run.model;
+        let start = model.system.position.clone();
         let mut record = Self {
             folder,
-            name: file_name(&built.name),
-            start: built.positions().to_vec(),
-            lines: built.lines.iter().map(|ends| ends.to_vec()).collect(),
-            triangles: built.triangles.clone(),
-            shown: Shown::behind_cut(built.positions(), &built.lines, &built.rest),
+            name: file_name(&model.name),
+            lines: model.lines.iter().map(|ends| ends.to_vec()).collect(),
+            triangles: model.triangles.clone(),
+            shown: Shown::behind_cut(&start, &model.lines, &model.rest_lengths),
+            start,
             rows: Vec::new(),
             stride: 1,
-            time: 0.0,
             every,
             series: Collection::new(),
             failed: None,
         };
-        record.put("start.vtp", &built.system)?;
+        record.put("start.vtp", &model.system)?;
         if every.is_some() {
-            record.frame(&built.system, 0)?;
+            record.frame(run)?;
         }
         Ok(record)
     }
 
-    /// Simulated time [s].
-    pub(super) fn time(&self) -> f64 {
-        self.time
-    }
-
     /// Adds a step; an error of writing a frame is reported at the end.
-    pub(super) fn step(&mut self, system: &SpringSystem, step: &StepRecord) {
-        self.time += step.dt;
+    pub(super) fn step(&mut self, run: &SpringsRun) {
+        let step = &run.last;
         if step.step.is_multiple_of(self.stride) {
-            self.rows.push((*step, self.time));
+            self.rows.push((*step, run.time));
         }
         if self.rows.len() > MOST_ROWS {
             self.stride *= 2;
@@ -85,15 +80,15 @@ impl Record {
             .every
             .is_some_and(|every| step.step.is_multiple_of(every as usize));
         if due && self.failed.is_none() {
-            self.failed = self.frame(system, step.step).err();
+            self.failed = self.frame(run).err();
         }
     }
 
-    fn frame(&mut self, system: &SpringSystem, step: usize) -> Result<(), FolderError> {
-        let file = format!("frames/{}_{step:06}.vtp", self.name);
-        self.put(&file, system)?;
+    fn frame(&mut self, run: &SpringsRun) -> Result<(), FolderError> {
+        let file = format!("frames/{}_{:06}.vtp", self.name, run.last.step);
+        self.put(&file, &run.model.system)?;
         self.series.push(Entry {
-            time: self.time,
+            time: run.time,
             part: 0,
             name: self.name.clone(),
             file,
@@ -142,13 +137,18 @@ impl Record {
     }
 
     /// The result.
-    pub(super) fn output(&self, built: &Built, summary: Summary) -> Result<RunOutput<'_>, Failure> {
+    pub(super) fn output(
+        &self,
+        run: &SpringsRun,
+        summary: Summary,
+    ) -> Result<RunOutput<'_>, Failure> {
+        let model = &run.model;
         let mut written = vec!["start.vtp".to_owned()];
         let mut states = vec![("start", &self.start[..])];
-        if built.system.first_non_finite().is_none() {
-            self.put("end.vtp", &built.system)?;
+        if model.system.first_non_finite().is_none() {
+            self.put("end.vtp", &model.system)?;
             written.push("end.vtp".to_owned());
-            states.push(("end", built.positions()));
+            states.push(("end", &model.system.position));
         }
         let series = self
             .every
@@ -156,16 +156,16 @@ impl Record {
         let plot = |plot| Plot { file: None, plot };
         Ok(RunOutput {
             kind: "springs",
-            name: built.name.clone(),
+            name: model.name.clone(),
             measures: measures(&summary),
             pictures: self.pictures(&states)?,
-            title: format!("{}: a spring system", built.name),
+            title: format!("{}: a spring system", model.name),
             subtitle: format!(
                 "{} steps, {} s of computing",
                 summary.steps,
                 number(summary.wall_s)
             ),
-            text: format!("{}: {}\n", built.name, summary.end),
+            text: format!("{}: {}\n", model.name, summary.end),
             tables_of_text: 1,
             tables: vec![settings(&summary)],
             plots: self.plots(&summary).into_iter().map(plot).collect(),
