@@ -183,6 +183,8 @@ type Advance = Box<dyn FnMut(&mut SpringSystem) -> Result<f64, StepError> + Send
 pub struct SpringsRun {
     /// The system in the last frame.
     pub model: SpringsModel,
+    /// The course to rest.
+    pub course: RestCourse,
     /// Positions at rest, before the surface was moved [m].
     pub rest_position: Vec<Point3<f64>>,
     /// Estimate of the damping [N s/m].
@@ -236,6 +238,7 @@ impl SpringsRun {
         let mut run = Self {
             last: StepRecord::of(&model.system, 0, 0.0, &model.system.position),
             model,
+            course: course.clone(),
             rest_position,
             damping_estimate,
             stiffest,

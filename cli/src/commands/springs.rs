@@ -11,21 +11,19 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use serde::Serialize;
-
 use super::failure::Failure;
 use super::options::{Output, PrintScene};
 use super::progress::{Bar, if_raised};
 use super::run::stop_on_interrupt;
 use super::{DONE, note};
 use crate::report::folder::Folder;
-use crate::report::output::Verdict;
+use crate::report::output::RunOutput;
+use crate::report::springs::Summary;
 use nearing::Nearing;
-use pliant::format::number;
 use pliant::scene::Content;
 use pliant::simulation::{self, Ended, Observer, Scenario, SpringsRun};
-use pliant::springs::integrators::{INTEGRATORS, by_name};
-use pliant::springs::{Mode, Neighbours, RestEnd, RestSettings, StepRecord, Stiffest, limit};
+use pliant::springs::integrators::INTEGRATORS;
+use pliant::springs::{Neighbours, RestEnd};
 use written::Record;
 
 /// Default greatest number of steps; and the number without damping, which only shows oscillations.
@@ -148,62 +146,6 @@ fn tolerance(text: &str) -> Result<f64, String> {
     )
 }
 
-/// Results of a run.
-#[derive(Default, Serialize)]
-struct Summary {
-    points: usize,
-    points_held: usize,
-    springs: usize,
-    neighbours: u32,
-    integrator: String,
-    adaptive: bool,
-    mass_kg: f64,
-    damping_ns_m: f64,
-    damping_estimate_ns_m: Option<f64>,
-    dt_s: f64,
-    stability_limit_s: Option<f64>,
-    stability_limit_of_row_sums_s: Option<f64>,
-    stiffest_1_s2: f64,
-    at_rest: bool,
-    end: String,
-    steps: usize,
-    steps_wanted: usize,
-    simulated_s: f64,
-    residual_force_n: f64,
-    residual_force_allowed_n: f64,
-    kinetic_energy_j: f64,
-    kinetic_energy_allowed_j: f64,
-    spring_energy_j: f64,
-    #[serde(skip)]
-    wall_s: f64,
-    #[serde(skip)]
-    interrupted: bool,
-    #[serde(skip)]
-    hint: Option<String>,
-    #[serde(skip)]
-    notes: Vec<String>,
-}
-
-impl Summary {
-    /// Results of the checks.
-    fn verdicts(&self) -> Vec<Verdict> {
-        let rest = Verdict::new("the system is at rest", self.at_rest).at(self.end.as_str());
-        let stable = self.stability_limit_s.is_none_or(|limit| self.dt_s < limit) || self.adaptive;
-        let step = Verdict::new("the step is below the stability limit, or adapts", stable);
-        let step = Verdict {
-            limit: self.stability_limit_s,
-            ..step.with_value(self.dt_s).in_unit("s")
-        };
-        vec![
-            Verdict {
-                what_to_do: self.hint.clone(),
-                ..rest
-            },
-            step,
-        ]
-    }
-}
-
 /// The command with its system, ready to run.
 struct Prepared {
     run: SpringsRun,
@@ -264,7 +206,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let Prepared {
         mut run,
-        notes,
+        mut notes,
         undamped,
     } = prepared;
     let path = arguments.output.folder(run.name(), "springs");
@@ -283,68 +225,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let ended = simulation::run(&mut run, &mut [&mut watch], &until_raised);
     let Watch { bar, nearing, .. } = watch;
     bar.end();
-    let end = match (run.end, ended) {
-        (Some(end), _) => end,
-        (None, Ended::Interrupted) => RestEnd::Stopped,
-        (None, _) => RestEnd::Steps,
-    };
-    let mut summary = summary(arguments, &run, end);
-    summary.notes = notes;
-    if end == RestEnd::Steps {
-        let hint = if undamped {
+    let summary = Summary::of(&run);
+    let hint = (summary.end_of_run == RestEnd::Steps).then(|| {
+        if undamped {
             NEVER.to_owned()
         } else {
             nearing.hint()
-        };
-        summary.notes.push(hint.clone());
-        summary.hint = Some(hint);
-    }
-    summary.wall_s = begun.elapsed().as_secs_f64();
+        }
+    });
+    notes.extend(hint.clone());
     record.check()?;
-    let output = record.output(&run, summary)?;
-    arguments.output.finish(record.folder(), output)
-}
-
-/// Results of a run except notes and wall time.
-fn summary(arguments: &Arguments, run: &SpringsRun, end: RestEnd) -> Summary {
-    let (system, last, rest) = (&run.model.system, &run.last, &run.rest);
-    let rows = Stiffest {
-        mode: Mode {
-            angular_frequency_squared: run.stiffest.bound,
-            ..run.stiffest.mode
-        },
-        ..run.stiffest
+    let output = RunOutput {
+        interrupted: ended == Ended::Interrupted,
+        verdicts: summary.verdicts(hint),
+        notes,
+        ..record.output(&run, &summary, begun.elapsed().as_secs_f64())?
     };
-    let of_rows = by_name(&arguments.integrator)
-        .map(|by| limit(&*by, &rows))
-        .filter(|l| l.is_finite());
-    Summary {
-        points: system.len(),
-        points_held: system.pinned().iter().filter(|p| **p).count(),
-        springs: run.model.lines.len(),
-        neighbours: run.model.neighbours.count(),
-        integrator: arguments.integrator.clone(),
-        adaptive: arguments.adaptive,
-        mass_kg: arguments.mass,
-        damping_ns_m: system.damping,
-        damping_estimate_ns_m: run.damping_estimate,
-        dt_s: run.time_step,
-        stability_limit_s: run.longest,
-        stability_limit_of_row_sums_s: of_rows,
-        stiffest_1_s2: run.stiffest.mode.angular_frequency_squared,
-        at_rest: end == RestEnd::Rest,
-        end: in_words(end, last, rest),
-        steps: last.step,
-        steps_wanted: run.frames(),
-        simulated_s: run.time,
-        residual_force_n: last.residual,
-        residual_force_allowed_n: rest.force,
-        kinetic_energy_j: last.energy.kinetic,
-        kinetic_energy_allowed_j: rest.energy,
-        spring_energy_j: last.energy.stored,
-        interrupted: end == RestEnd::Stopped,
-        ..Summary::default()
-    }
+    arguments.output.finish(record.folder(), output)
 }
 
 /// Records and shows the steps of a run.
@@ -364,22 +261,5 @@ impl Observer<SpringsRun> for Watch<'_> {
         self.bar.step(&run.last);
         self.nearing.step(&run.last);
         ControlFlow::Continue(())
-    }
-}
-
-fn in_words(end: RestEnd, last: &StepRecord, rest: &RestSettings) -> String {
-    let steps = last.step;
-    let left = format!(
-        "force {} N (allowed {}), motion {} J (allowed {})",
-        number(last.residual),
-        number(rest.force),
-        number(last.energy.kinetic),
-        number(rest.energy)
-    );
-    match end {
-        RestEnd::Rest => format!("at rest after {steps} steps: {left}"),
-        RestEnd::Steps => format!("not at rest after {steps} steps: {left}"),
-        RestEnd::Stopped => format!("stopped after {steps} steps: {left}"),
-        RestEnd::Failed(error) => format!("failed after {steps} steps: {error}"),
     }
 }

@@ -3,11 +3,11 @@
 use nalgebra::Point3;
 
 use super::super::failure::Failure;
-use super::Summary;
 use super::pictures::Shown;
+use crate::report::LinePlot;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::output::{DataFile, OutputFile, Picture, Plot, RunOutput, measures};
-use crate::report::{LinePlot, Table};
+use crate::report::springs::{Summary, settings};
 use pliant::format::number;
 use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
@@ -140,7 +140,8 @@ impl Record {
     pub(super) fn output(
         &self,
         run: &SpringsRun,
-        summary: Summary,
+        summary: &Summary,
+        time_s: f64,
     ) -> Result<RunOutput<'_>, Failure> {
         let model = &run.model;
         let mut written = vec!["start.vtp".to_owned()];
@@ -157,22 +158,15 @@ impl Record {
         Ok(RunOutput {
             kind: "springs",
             name: model.name.clone(),
-            measures: measures(&summary),
+            measures: measures(summary),
             pictures: self.pictures(&states)?,
             title: format!("{}: a spring system", model.name),
-            subtitle: format!(
-                "{} steps, {} s of computing",
-                summary.steps,
-                number(summary.wall_s)
-            ),
+            subtitle: format!("{} steps, {} s of computing", summary.steps, number(time_s)),
             text: format!("{}: {}\n", model.name, summary.end),
             tables_of_text: 1,
-            tables: vec![settings(&summary)],
-            plots: self.plots(&summary).into_iter().map(plot).collect(),
-            time_s: summary.wall_s,
-            interrupted: summary.interrupted,
-            verdicts: summary.verdicts(),
-            notes: summary.notes,
+            tables: vec![settings(summary)],
+            plots: self.plots(summary).into_iter().map(plot).collect(),
+            time_s,
             data: vec![self.data()],
             files: series.into_iter().collect(),
             written,
@@ -247,41 +241,4 @@ impl Record {
         }
         plots
     }
-}
-
-/// The system and its integration.
-fn settings(s: &Summary) -> Table {
-    let seconds = |limit: Option<f64>| {
-        limit.map_or("none: every step is stable".to_owned(), |s| {
-            format!("{} s", number(s))
-        })
-    };
-    let estimate = s
-        .damping_estimate_ns_m
-        .map_or(String::new(), |c| format!(" (estimate {})", number(c)));
-    let adaptive = if s.adaptive { ", adaptive step" } else { "" };
-    let mut table = Table::new("Settings", ["name", "value"]);
-    for (name, value) in [
-        (
-            "points",
-            format!("{}, {} of them held", s.points, s.points_held),
-        ),
-        ("springs", s.springs.to_string()),
-        ("integrator", format!("{}{adaptive}", s.integrator)),
-        ("mass of a point", format!("{} kg", number(s.mass_kg))),
-        (
-            "damping",
-            format!("{} N s/m{estimate}", number(s.damping_ns_m)),
-        ),
-        ("step", format!("{} s", number(s.dt_s))),
-        ("stability limit", seconds(s.stability_limit_s)),
-        (
-            "stiffest motion",
-            format!("{} 1/s2", number(s.stiffest_1_s2)),
-        ),
-        ("simulated time", format!("{} s", number(s.simulated_s))),
-    ] {
-        table.row([name.to_owned(), value]);
-    }
-    table
 }
