@@ -485,7 +485,7 @@ fn wrong_scenes_say_where_and_what_to_change() {
     };
     refused(
         &to_rest("", "integrator = 'euler'"),
-        &["s.toml:6:14: error[E054]", "verlet"],
+        &["s.toml:6:14: error[E063]", "verlet"],
     );
     refused(
         &to_rest("release = 3\n", ""),
