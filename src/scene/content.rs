@@ -16,6 +16,8 @@ use crate::mesh::repair;
 use crate::skin::ImplantSpec;
 use crate::skin::settle::SettleMethod;
 use crate::springs::Neighbours;
+use crate::springs::integrators::INTEGRATORS;
+use crate::springs::lattice::Stiffness;
 
 /// A checked scene of any kind.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +26,8 @@ pub enum Content {
     Muscles(Box<Scene>),
     /// Skin over implants or over a ball, in equilibrium in every frame: a scene with `[[skin]]`.
     Skin(Box<SkinScene>),
-    /// A box of points with springs, displaced and released: a scene with `[lattice]`.
+    /// A box of points with springs, displaced and released or running to rest: a scene with
+    /// `[lattice]`.
     Lattice(Box<LatticeScene>),
     /// A chain of frusta with constant volume: a scene with `radii`.
     Geometric(Box<GeometricScene>),
@@ -261,6 +264,11 @@ const OF_LATTICES: &[Measure] = &[
         "distance to start, end [mm]",
         1e3,
     ),
+    ("steps", "steps", 1.0),
+    ("simulated_s", "simulated time [s]", 1.0),
+    ("residual_force_n", "greatest force [N]", 1.0),
+    ("kinetic_energy_j", "kinetic energy [J]", 1.0),
+    ("spring_energy_j", "energy of the springs [J]", 1.0),
 ];
 /// Skin with the implants or the ball below.
 #[derive(Clone, Debug, PartialEq)]
@@ -391,14 +399,14 @@ pub struct ObstacleSpec {
 }
 
 /// A box of points with springs: the bottom layer (along z) is fixed, the top layer is displaced
-/// and released.
+/// and released; or the surface is moved, and the lattice runs to rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LatticeScene {
     /// Name, also of the results folder.
     pub name: String,
     /// Number of frames after the start; frame 0 is the start.
     pub frames: usize,
-    /// Frames a second [1/s].
+    /// Frames a second [1/s]; of pictures only where the lattice runs to rest.
     pub frame_rate: f64,
     /// Number of points along x, y, z.
     pub points: [usize; 3],
@@ -406,18 +414,69 @@ pub struct LatticeScene {
     pub side: f64,
     /// Number of neighbours with springs.
     pub neighbours: Neighbours,
-    /// Stiffness of each spring [N/m].
-    pub stiffness: f64,
+    /// Stiffness of the springs.
+    pub stiffness: Stiffness,
     /// Mass of each point [kg].
     pub mass: f64,
-    /// Damping relative to the second source's estimate.
-    pub damping: f64,
+    /// Damping of each point.
+    pub damping: SpringsDamping,
     /// Displacement of the top layer [m].
     pub drag: Vector3<f64>,
     /// Frame in which the top layer reaches its displacement and is released.
     pub release: usize,
+    /// The run to rest in place of the displacement; each step is a frame.
+    pub rest: Option<RestCourse>,
     /// Origin of the scene's text.
     pub origin: SceneOrigin,
+}
+
+/// Damping of each point of a spring system.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpringsDamping {
+    /// Relative to the estimate (7.2) of the VPHOP thesis.
+    Share(f64),
+    /// Force over velocity [N s/m].
+    Absolute(f64),
+}
+
+impl SpringsDamping {
+    /// The damping [N s/m] for an estimate [N s/m].
+    pub fn of(self, estimate: f64) -> f64 {
+        match self {
+            Self::Share(share) => share * estimate,
+            Self::Absolute(damping) => damping,
+        }
+    }
+}
+
+/// The course of a spring system to rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RestCourse {
+    /// Displacement of the surface at the start, relative to the distance to the centre.
+    pub shrink: f64,
+    /// Whether the surface is fixed.
+    pub held: bool,
+    /// Name of the integrator.
+    pub integrator: &'static str,
+    /// Time step [s]; `None` for half of the longest stable one.
+    pub time_step: Option<f64>,
+    /// Whether the step grows while it is stable, and is halved and repeated where it is not.
+    pub adaptive: bool,
+    /// Greatest force at rest, relative to the force at a strain of one.
+    pub tolerance: f64,
+}
+
+impl Default for RestCourse {
+    fn default() -> Self {
+        Self {
+            shrink: 0.02,
+            held: true,
+            integrator: INTEGRATORS[0],
+            time_step: None,
+            adaptive: false,
+            tolerance: 1e-6,
+        }
+    }
 }
 
 #[cfg(test)]

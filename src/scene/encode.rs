@@ -2,8 +2,8 @@
 //! compile here until it is encoded or excluded explicitly.
 
 use super::content::{
-    BallSpec, FillCourse, ImplantFill, LatticeScene, ObstacleSpec, SkinScene, SkinSpec,
-    SkinSurface, Support,
+    BallSpec, FillCourse, ImplantFill, LatticeScene, ObstacleSpec, RestCourse, SkinScene, SkinSpec,
+    SkinSurface, SpringsDamping, Support,
 };
 use super::effects::{EFFECTS, material_constants};
 use super::keys::KeyValue;
@@ -18,6 +18,7 @@ use crate::skin::layers::Tissue;
 use crate::skin::plan::{ImplantPlace, ImplantSpec};
 use crate::skin::settle::SettleMethod;
 use crate::springs::Neighbours;
+use crate::springs::lattice::Stiffness;
 
 impl Encode for Scene {
     fn encode(&self, to: &mut Encoder<'_>) {
@@ -386,6 +387,7 @@ impl Encode for LatticeScene {
             damping,
             drag,
             release,
+            rest,
             origin: _,
         } = self;
         to.field("name", name);
@@ -403,5 +405,43 @@ impl Encode for LatticeScene {
         to.field("damping", damping);
         to.field("drag", drag);
         to.field("release", release);
+        to.field("rest", rest);
+    }
+}
+
+impl Encode for Stiffness {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        match self {
+            Self::Reciprocal => to.choice("reciprocal"),
+            Self::Uniform(stiffness) => stiffness.encode(to),
+        }
+    }
+}
+
+impl Encode for SpringsDamping {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        match self {
+            Self::Share(share) => share.encode(to),
+            Self::Absolute(damping) => to.field("absolute", damping),
+        }
+    }
+}
+
+impl Encode for RestCourse {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            shrink,
+            held,
+            integrator,
+            time_step,
+            adaptive,
+            tolerance,
+        } = self;
+        to.field("shrink", shrink);
+        to.field("held", held);
+        to.field("integrator", integrator);
+        to.field("time_step", time_step);
+        to.field("adaptive", adaptive);
+        to.field("tolerance", tolerance);
     }
 }

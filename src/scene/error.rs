@@ -153,7 +153,7 @@ pub enum SceneProblem {
         /// Advice.
         hint: String,
     },
-    /// E020 to E078: an unusable mesh, attachment or muscle; see `simulation::fault`.
+    /// E020 to E079: an unusable mesh, attachment or muscle; see `simulation::fault`.
     #[error("{message}")]
     Unfit {
         /// The code of the fault.

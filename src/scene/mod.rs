@@ -30,7 +30,8 @@ pub mod units;
 
 pub use content::OF_MUSCLES;
 pub use content::{
-    FillCourse, ImplantFill, LatticeScene, Measure, SkinScene, SkinSurface, Support,
+    FillCourse, ImplantFill, LatticeScene, Measure, RestCourse, SkinScene, SkinSurface,
+    SpringsDamping, Support,
 };
 pub use effects::EFFECTS;
 pub use keys::{KeySpec, KeyValue, Slider};

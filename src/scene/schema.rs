@@ -143,6 +143,16 @@ pub(super) const LATTICE: Schema = Schema::Listed(&[
     ("damping", Plain),
     ("drag", Plain),
     ("release", Plain),
+    ("rest", Kind::Table(&REST)),
+]);
+
+const REST: Schema = Schema::Listed(&[
+    ("shrink", Plain),
+    ("held", Plain),
+    ("integrator", Text),
+    ("time_step", Text),
+    ("adaptive", Plain),
+    ("tolerance", Plain),
 ]);
 
 pub(super) const BONE: Schema = Schema::Listed(&[

@@ -29,6 +29,8 @@ pub enum Dimension {
     Force,
     /// In-plane stiffness of a surface [N/m].
     Stiffness,
+    /// Damping of a point: force over velocity [N s/m].
+    Damping,
     /// Moment, or bending stiffness of a surface [N m].
     Moment,
     /// Pressure or modulus \[Pa\].
@@ -127,6 +129,10 @@ const STIFFNESS: &[Unit] = &[
     unit(&["N/cm"], 2),
     unit(&["mN/mm"], 0),
 ];
+const DAMPING: &[Unit] = &[
+    unit(&["N*s/m", "Ns/m", "kg/s"], 0),
+    unit(&["mN*s/m", "g/s"], -3),
+];
 const MOMENT: &[Unit] = &[
     unit(&["N*m", "Nm", "J"], 0),
     unit(&["N*mm", "Nmm", "mN*m", "mNm", "mJ"], -3),
@@ -152,7 +158,7 @@ const RATIO: &[Unit] = &[unit(&["%"], -2), unit(&["1", ""], 0)];
 
 impl Dimension {
     /// All dimensions, in the order above.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Length,
         Self::Area,
         Self::Volume,
@@ -163,6 +169,7 @@ impl Dimension {
         Self::Density,
         Self::Force,
         Self::Stiffness,
+        Self::Damping,
         Self::Moment,
         Self::Pressure,
         Self::Acceleration,
@@ -181,6 +188,7 @@ impl Dimension {
             Self::Density => DENSITY,
             Self::Force => FORCE,
             Self::Stiffness => STIFFNESS,
+            Self::Damping => DAMPING,
             Self::Moment => MOMENT,
             Self::Pressure => PRESSURE,
             Self::Acceleration => ACCELERATION,
@@ -218,6 +226,7 @@ impl Dimension {
             Self::Density => "1060 kg/m3",
             Self::Force => "10 N",
             Self::Stiffness => "300 N/m",
+            Self::Damping => "0.4 N s/m",
             Self::Moment => "2e-4 N m",
             Self::Pressure => "20 kPa",
             Self::Acceleration => "9.81 m/s2",
@@ -239,6 +248,7 @@ impl fmt::Display for Dimension {
             Self::Density => "density",
             Self::Force => "force",
             Self::Stiffness => "surface stiffness",
+            Self::Damping => "damping",
             Self::Moment => "bending stiffness",
             Self::Pressure => "pressure",
             Self::Acceleration => "acceleration",

@@ -1,5 +1,6 @@
 //! Errors of the meshes and attachments of a scene, with the line of the scene that causes them.
 
+use super::springs::SpringsError;
 use crate::io::ReadError;
 use crate::scene::{Scene, SceneError, SceneOrigin, SceneProblem};
 use crate::skin::SkinError;
@@ -104,6 +105,9 @@ pub enum Fault {
     /// E077: a lattice cannot be built.
     #[error(transparent)]
     Lattice(#[from] LatticeError),
+    /// E079: a spring system cannot run to rest.
+    #[error(transparent)]
+    Springs(#[from] SpringsError),
 }
 
 impl Fault {
@@ -126,6 +130,7 @@ impl Fault {
             Self::FactorTooLarge { .. } => "E075",
             Self::Skin(_) => "E076",
             Self::Lattice(_) => "E077",
+            Self::Springs(_) => "E079",
         }
     }
 
@@ -156,6 +161,7 @@ impl Fault {
             Self::FactorTooLarge { .. } => "ask for a longer `edge_length`, or use [solver.xpbd]".to_owned(),
             Self::Skin(error) => error.help().to_owned(),
             Self::Lattice(_) => "change `stiffness`, `mass`, `damping` or `frame_rate`".to_owned(),
+            Self::Springs(error) => error.help().to_owned(),
         }
     }
 }

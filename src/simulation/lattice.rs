@@ -12,8 +12,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 use crate::scene::content::LatticeScene;
 use crate::springs::lattice::{
-    Lattice, LatticeError, LatticeSettings, LatticeShape, Stiffness, largest_stiffness,
-    stability_limit,
+    Lattice, LatticeError, LatticeSettings, LatticeShape, largest_stiffness, stability_limit,
 };
 
 /// Length of a step relative to the stability limit.
@@ -78,18 +77,18 @@ impl LatticeRun {
             origin: [0.0; 3],
             spacing: [spacing; 3],
         };
-        let stiffness = Stiffness::Uniform(scene.stiffness);
         let mut settings = LatticeSettings {
-            stiffness,
+            stiffness: scene.stiffness,
             mass: scene.mass,
             ..LatticeSettings::new(scene.neighbours)
         };
-        let damping = scene.damping * settings.damping_estimate(&shape);
+        let damping = scene.damping.of(settings.damping_estimate(&shape));
         let limit = stability_limit(largest_stiffness(&shape, &settings), scene.mass, damping);
         let frame = 1.0 / scene.frame_rate;
         let steps = (frame / (STABLE * limit)).ceil().max(1.0);
         if !(steps <= MOST_STEPS) {
-            let (time_step, mass, stiffness) = (frame / MOST_STEPS, scene.mass, scene.stiffness);
+            let (time_step, mass, stiffness) =
+                (frame / MOST_STEPS, scene.mass, scene.stiffness.of(spacing));
             return Err(refused(LatticeError::Unstable {
                 time_step,
                 limit,

@@ -16,6 +16,7 @@ pub(crate) mod plan;
 pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod skin;
+pub(crate) mod springs;
 mod steer;
 
 pub use attachments::component;
@@ -23,6 +24,7 @@ pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
+pub use springs::{SpringsError, SpringsModel, SpringsRun};
 
 use std::sync::Arc;
 

@@ -4,6 +4,7 @@ mod geometric;
 mod lattice;
 mod muscles;
 mod skin;
+mod springs;
 pub use geometric::GeometricRun;
 
 use std::collections::HashSet;
@@ -12,6 +13,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::lattice::LatticeRun;
 use super::skin::SkinRun;
+use super::springs::SpringsRun;
 use super::{LeftOut, LoadError, Plan, Planned, Simulation};
 use crate::constraints::distance::Distance;
 use crate::fibres::binding::BoundLines;
@@ -128,6 +130,8 @@ pub enum ScenarioKind<'a> {
     Skin(&'a SkinRun),
     /// A box of points on springs.
     Lattice(&'a LatticeRun),
+    /// A spring system on its way to rest.
+    Springs(&'a SpringsRun),
     /// A chain of frusta with constant volume.
     Geometric(&'a GeometricRun),
     /// A kind outside of the library.
@@ -135,12 +139,14 @@ pub enum ScenarioKind<'a> {
 }
 
 impl ScenarioKind<'_> {
-    /// Name of the kind, as [`Content::kind`] has it; `other` for a kind outside of the library.
+    /// Name of the kind, as [`Content::kind`] has it; `springs` for a spring system on its way to rest,
+    /// `other` for a kind outside of the library.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Muscles(_) => "muscles",
             Self::Skin(_) => "skin",
             Self::Lattice(_) => "lattice",
+            Self::Springs(_) => "springs",
             Self::Geometric(_) => "geometric",
             Self::Other => "other",
         }
@@ -288,6 +294,7 @@ pub fn scenario_with(
     Ok(match content {
         Content::Muscles(scene) => Box::new(Simulation::new((**scene).clone())?),
         Content::Skin(scene) => Box::new(SkinRun::new_with((**scene).clone(), progress)?),
+        Content::Lattice(scene) if scene.rest.is_some() => Box::new(SpringsRun::of_lattice(scene)?),
         Content::Lattice(scene) => Box::new(LatticeRun::new((**scene).clone())?),
         Content::Geometric(scene) => Box::new(GeometricRun::new((**scene).clone())),
     })

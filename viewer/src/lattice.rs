@@ -11,9 +11,10 @@ use super::recipe::{Refused, check_number};
 use super::running::{Kind, reading};
 use super::session::Command;
 use super::snapshot::{Reading, Shot};
-use pliant::scene::{Content, LatticeScene};
+use pliant::scene::{Content, LatticeScene, SpringsDamping};
 use pliant::simulation::{LatticeRun, LoadError, Scenario, ScenarioError};
 use pliant::springs::Neighbours;
+use pliant::springs::lattice::Stiffness;
 
 /// Greatest motion of a dragged point per frame, relative to the spacing: inverted springs do not
 /// recover.
@@ -82,14 +83,10 @@ fn velocity(run: &LatticeRun, point: [usize; 3]) -> Vector3<f64> {
 fn controls(start: &LatticeScene, now: &LatticeScene) -> Vec<Control> {
     let mut list = List::default();
     let path = |key: &str| Target::Path(format!("lattice.{key}"));
-    let shown = Shown::about("N/m", start.stiffness, 100.0, 1e3);
-    list.slider(
-        "lattice",
-        "stiffness",
-        path("stiffness"),
-        now.stiffness,
-        shown,
-    );
+    if let (Stiffness::Uniform(start), Stiffness::Uniform(now)) = (start.stiffness, now.stiffness) {
+        let shown = Shown::about("N/m", start, 100.0, 1e3);
+        list.slider("lattice", "stiffness", path("stiffness"), now, shown);
+    }
     let shown = Shown::about("g", 1e3 * start.mass, 10.0, 10.0);
     list.slider(
         "lattice",
@@ -98,14 +95,11 @@ fn controls(start: &LatticeScene, now: &LatticeScene) -> Vec<Control> {
         1e3 * now.mass,
         shown,
     );
-    let most = (4.0 * start.damping).clamp(2.0, 10.0);
-    list.slider(
-        "lattice",
-        "damping",
-        path("damping"),
-        now.damping,
-        Shown::even("", 0.0, most),
-    );
+    if let (SpringsDamping::Share(start), SpringsDamping::Share(now)) = (start.damping, now.damping)
+    {
+        let shown = Shown::even("", 0.0, (4.0 * start).clamp(2.0, 10.0));
+        list.slider("lattice", "damping", path("damping"), now, shown);
+    }
     let chosen = usize::from(now.neighbours == Neighbours::TwentySix);
     list.other(
         "lattice",
@@ -122,7 +116,7 @@ impl Kind for Lattice {
 
     fn run_of(content: &Content) -> Result<Option<Box<LatticeRun>>, LoadError> {
         match content {
-            Content::Lattice(scene) => {
+            Content::Lattice(scene) if scene.rest.is_none() => {
                 LatticeRun::new((**scene).clone()).map(|run| Some(Box::new(run)))
             }
             _ => Ok(None),

@@ -26,6 +26,7 @@ pub mod results;
 pub mod run;
 mod shots;
 mod skin;
+pub mod springs;
 pub mod skin_accuracy;
 pub mod work_precision;
 mod table;

@@ -10,7 +10,7 @@ use super::frames::{FrameWriter, Listing};
 use super::output::{Picture, RunOutput, SceneRun, Times, Verdict, effects, verdict_table};
 use super::pictures::Painter;
 use super::shots::Shots;
-use super::{Table, lattice, measured, skin};
+use super::{Table, lattice, measured, skin, springs};
 use pliant::format::number;
 use pliant::io::file_name;
 use pliant::mesh::measures::median;
@@ -270,6 +270,7 @@ pub fn perform<'a>(
     let mut own = match scenario.kind() {
         ScenarioKind::Skin(run) => skin::output(run)?,
         ScenarioKind::Lattice(run) => lattice::output(run),
+        ScenarioKind::Springs(run) => springs::output(run, measured::output(scenario, measures)),
         _ => measured::output(scenario, measures),
     };
     own.kind = options.kind.unwrap_or(own.kind);

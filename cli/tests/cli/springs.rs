@@ -306,3 +306,55 @@ fn steps_that_are_not_enough_are_told_how_many_would_be() {
         "{heard}"
     );
 }
+
+#[test]
+fn a_lattice_is_a_scene_that_comes_to_rest_after_the_same_steps() {
+    let scratch = Scratch::folder();
+    let (out, file) = (scratch.join("out"), scratch.join("rest.toml"));
+    let options = [
+        "springs",
+        "--lattice",
+        "4x4x5",
+        "--neighbours",
+        "26",
+        "--integrator",
+        "semi-implicit",
+        "--damping",
+        "6",
+        "--dt",
+        "0.05",
+    ];
+    let printed = pliant()
+        .args(options)
+        .arg("--print-scene")
+        .output()
+        .unwrap();
+    assert_eq!(printed.status.code(), Some(0), "{}", text(&printed.stderr));
+    fs::write(&file, &printed.stdout).unwrap();
+    let of = |arguments: &[&str]| {
+        let to = ["--out", shown(&out), "--json"];
+        let done = pliant().args(arguments).args(to).output().unwrap();
+        assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+        let said: Value = serde_json::from_slice(&done.stdout).unwrap();
+        assert_eq!(
+            (&said["kind"], &said["name"]),
+            (&"springs".into(), &"lattice-4x4x5-26".into())
+        );
+        let keys = [
+            "steps",
+            "simulated_s",
+            "residual_force_n",
+            "kinetic_energy_j",
+        ];
+        keys.map(|key| said["springs"][key].as_f64().unwrap())
+    };
+    let command = of(&options);
+    assert!(command[0] > 10.0, "{command:?}");
+    assert_eq!(of(&["run", shown(&file)]), command);
+    // Control: another damping takes other steps.
+    let damped = ["run", shown(&file), "--set", "lattice.damping=0.3"];
+    assert_ne!(of(&damped), command);
+    // The system of a file is no scene.
+    let done = run(&["springs", FILE, "--print-scene"]);
+    assert_eq!(done.status.code(), Some(2), "{}", text(&done.stderr));
+}

@@ -478,6 +478,38 @@ fn wrong_scenes_say_where_and_what_to_change() {
         "frames = 9\nframe_rate = '60 Hz'\n[lattice]\npoints = [4, 4]\nside = '1 cm'\n",
         &["s.toml:4:10", "x, y, z"],
     );
+    let to_rest = |lattice: &str, rest: &str| {
+        format!(
+            "frames = 9\n[lattice]\npoints = [4, 4, 4]\nside = '1 cm'\n{lattice}[lattice.rest]\n{rest}\n"
+        )
+    };
+    refused(
+        &to_rest("", "integrator = 'euler'"),
+        &["s.toml:6:14: error[E063]", "verlet"],
+    );
+    refused(
+        &to_rest("release = 3\n", ""),
+        &[
+            "s.toml:5:11: error[E056]",
+            "`rest` and `release` exclude each other",
+        ],
+    );
+    refused(
+        &to_rest("", "time_step = '1 h'"),
+        &["s.toml:6:13: error[E05", "known units of time"],
+    );
+    refused(
+        &to_rest("", "time_step = '1 s'"),
+        &["s.toml:6:13: error[E079]", "take a shorter `time_step`"],
+    );
+    refused(
+        &to_rest("damping = '1 N/m'\n", ""),
+        &["s.toml:5:11: error[E05", "not of damping"],
+    );
+    refused(
+        &to_rest("", "shrink = 1"),
+        &["s.toml:6:10: error[E051]", "below 1"],
+    );
     for (arguments, expected) in [
         (
             &["run", "flat-implant", "--checkpoint-every", "1"][..],

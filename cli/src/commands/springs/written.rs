@@ -3,16 +3,16 @@
 use nalgebra::Point3;
 
 use super::super::failure::Failure;
-use super::Summary;
-use super::built::Built;
 use super::pictures::Shown;
+use crate::report::LinePlot;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::output::{DataFile, OutputFile, Picture, Plot, RunOutput, measures};
-use crate::report::{LinePlot, Table};
+use crate::report::springs::{Summary, settings};
 use pliant::format::number;
 use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
+use pliant::simulation::SpringsRun;
 use pliant::springs::{SpringSystem, StepRecord};
 
 /// Greatest number of rows in the table of steps; a longer run keeps every second step, and so on.
@@ -31,7 +31,6 @@ pub(super) struct Record {
     shown: Shown,
     rows: Vec<(StepRecord, f64)>,
     stride: usize,
-    time: f64,
     every: Option<u32>,
     series: Collection,
     failed: Option<FolderError>,
@@ -41,40 +40,36 @@ impl Record {
     /// Starts with the initial state and writes it.
     pub(super) fn begin(
         folder: Folder,
-        built: &Built,
+        run: &SpringsRun,
         every: Option<u32>,
     ) -> Result<Self, Failure> {
+        let model = &run.model;
+        let start = model.system.position.clone();
         let mut record = Self {
             folder,
-            name: file_name(&built.name),
-            start: built.positions().to_vec(),
-            lines: built.lines.iter().map(|ends| ends.to_vec()).collect(),
-            triangles: built.triangles.clone(),
-            shown: Shown::behind_cut(built.positions(), &built.lines, &built.rest),
+            name: file_name(&model.name),
+            lines: model.lines.iter().map(|ends| ends.to_vec()).collect(),
+            triangles: model.triangles.clone(),
+            shown: Shown::behind_cut(&start, &model.lines, &model.rest_lengths),
+            start,
             rows: Vec::new(),
             stride: 1,
-            time: 0.0,
             every,
             series: Collection::new(),
             failed: None,
         };
-        record.put("start.vtp", &built.system)?;
+        record.put("start.vtp", &model.system)?;
         if every.is_some() {
-            record.frame(&built.system, 0)?;
+            record.frame(run)?;
         }
         Ok(record)
     }
 
-    /// Simulated time [s].
-    pub(super) fn time(&self) -> f64 {
-        self.time
-    }
-
     /// Adds a step; an error of writing a frame is reported at the end.
-    pub(super) fn step(&mut self, system: &SpringSystem, step: &StepRecord) {
-        self.time += step.dt;
+    pub(super) fn step(&mut self, run: &SpringsRun) {
+        let step = &run.last;
         if step.step.is_multiple_of(self.stride) {
-            self.rows.push((*step, self.time));
+            self.rows.push((*step, run.time));
         }
         if self.rows.len() > MOST_ROWS {
             self.stride *= 2;
@@ -85,15 +80,15 @@ impl Record {
             .every
             .is_some_and(|every| step.step.is_multiple_of(every as usize));
         if due && self.failed.is_none() {
-            self.failed = self.frame(system, step.step).err();
+            self.failed = self.frame(run).err();
         }
     }
 
-    fn frame(&mut self, system: &SpringSystem, step: usize) -> Result<(), FolderError> {
-        let file = format!("frames/{}_{step:06}.vtp", self.name);
-        self.put(&file, system)?;
+    fn frame(&mut self, run: &SpringsRun) -> Result<(), FolderError> {
+        let file = format!("frames/{}_{:06}.vtp", self.name, run.last.step);
+        self.put(&file, &run.model.system)?;
         self.series.push(Entry {
-            time: self.time,
+            time: run.time,
             part: 0,
             name: self.name.clone(),
             file,
@@ -142,13 +137,19 @@ impl Record {
     }
 
     /// The result.
-    pub(super) fn output(&self, built: &Built, summary: Summary) -> Result<RunOutput<'_>, Failure> {
+    pub(super) fn output(
+        &self,
+        run: &SpringsRun,
+        summary: &Summary,
+        time_s: f64,
+    ) -> Result<RunOutput<'_>, Failure> {
+        let model = &run.model;
         let mut written = vec!["start.vtp".to_owned()];
         let mut states = vec![("start", &self.start[..])];
-        if built.system.first_non_finite().is_none() {
-            self.put("end.vtp", &built.system)?;
+        if model.system.first_non_finite().is_none() {
+            self.put("end.vtp", &model.system)?;
             written.push("end.vtp".to_owned());
-            states.push(("end", built.positions()));
+            states.push(("end", &model.system.position));
         }
         let series = self
             .every
@@ -156,23 +157,16 @@ impl Record {
         let plot = |plot| Plot { file: None, plot };
         Ok(RunOutput {
             kind: "springs",
-            name: built.name.clone(),
-            measures: measures(&summary),
+            name: model.name.clone(),
+            measures: measures(summary),
             pictures: self.pictures(&states)?,
-            title: format!("{}: a spring system", built.name),
-            subtitle: format!(
-                "{} steps, {} s of computing",
-                summary.steps,
-                number(summary.wall_s)
-            ),
-            text: format!("{}: {}\n", built.name, summary.end),
+            title: format!("{}: a spring system", model.name),
+            subtitle: format!("{} steps, {} s of computing", summary.steps, number(time_s)),
+            text: format!("{}: {}\n", model.name, summary.end),
             tables_of_text: 1,
-            tables: vec![settings(&summary)],
-            plots: self.plots(&summary).into_iter().map(plot).collect(),
-            time_s: summary.wall_s,
-            interrupted: summary.interrupted,
-            verdicts: summary.verdicts(),
-            notes: summary.notes,
+            tables: vec![settings(summary)],
+            plots: self.plots(summary).into_iter().map(plot).collect(),
+            time_s,
             data: vec![self.data()],
             files: series.into_iter().collect(),
             written,
@@ -247,41 +241,4 @@ impl Record {
         }
         plots
     }
-}
-
-/// The system and its integration.
-fn settings(s: &Summary) -> Table {
-    let seconds = |limit: Option<f64>| {
-        limit.map_or("none: every step is stable".to_owned(), |s| {
-            format!("{} s", number(s))
-        })
-    };
-    let estimate = s
-        .damping_estimate_ns_m
-        .map_or(String::new(), |c| format!(" (estimate {})", number(c)));
-    let adaptive = if s.adaptive { ", adaptive step" } else { "" };
-    let mut table = Table::new("Settings", ["name", "value"]);
-    for (name, value) in [
-        (
-            "points",
-            format!("{}, {} of them held", s.points, s.points_held),
-        ),
-        ("springs", s.springs.to_string()),
-        ("integrator", format!("{}{adaptive}", s.integrator)),
-        ("mass of a point", format!("{} kg", number(s.mass_kg))),
-        (
-            "damping",
-            format!("{} N s/m{estimate}", number(s.damping_ns_m)),
-        ),
-        ("step", format!("{} s", number(s.dt_s))),
-        ("stability limit", seconds(s.stability_limit_s)),
-        (
-            "stiffest motion",
-            format!("{} 1/s2", number(s.stiffest_1_s2)),
-        ),
-        ("simulated time", format!("{} s", number(s.simulated_s))),
-    ] {
-        table.row([name.to_owned(), value]);
-    }
-    table
 }

@@ -1,0 +1,173 @@
+//! Results of a spring system on its way to rest.
+
+use serde::Serialize;
+
+use super::Table;
+use super::output::{RunOutput, Verdict, measures};
+use pliant::format::number;
+use pliant::simulation::{Scenario, SpringsRun};
+use pliant::springs::integrators::by_name;
+use pliant::springs::{Mode, RestEnd, Stiffest, limit};
+
+/// Measures of a run, and its settings.
+#[derive(Serialize)]
+pub struct Summary {
+    points: usize,
+    points_held: usize,
+    springs: usize,
+    neighbours: u32,
+    integrator: String,
+    pub(crate) adaptive: bool,
+    mass_kg: f64,
+    damping_ns_m: f64,
+    damping_estimate_ns_m: Option<f64>,
+    dt_s: f64,
+    stability_limit_s: Option<f64>,
+    stability_limit_of_row_sums_s: Option<f64>,
+    stiffest_1_s2: f64,
+    at_rest: bool,
+    /// The end in words.
+    pub end: String,
+    /// Number of steps.
+    pub steps: usize,
+    steps_wanted: usize,
+    simulated_s: f64,
+    residual_force_n: f64,
+    /// Greatest force at rest [N].
+    pub residual_force_allowed_n: f64,
+    kinetic_energy_j: f64,
+    kinetic_energy_allowed_j: f64,
+    spring_energy_j: f64,
+    /// Reason of the end.
+    #[serde(skip)]
+    pub end_of_run: RestEnd,
+}
+
+impl Summary {
+    /// The results of a run that has ended.
+    pub fn of(run: &SpringsRun) -> Self {
+        let (system, last, rest) = (&run.model.system, &run.last, &run.rest);
+        let rows = Stiffest {
+            mode: Mode {
+                angular_frequency_squared: run.stiffest.bound,
+                ..run.stiffest.mode
+            },
+            ..run.stiffest
+        };
+        let integrator = run.course.integrator;
+        let of_rows = by_name(integrator).map(|by| limit(&*by, &rows));
+        let end = run.end.unwrap_or(if run.is_finished() {
+            RestEnd::Steps
+        } else {
+            RestEnd::Stopped
+        });
+        Self {
+            points: system.len(),
+            points_held: system.pinned().iter().filter(|p| **p).count(),
+            springs: run.model.lines.len(),
+            neighbours: run.model.neighbours.count(),
+            integrator: integrator.to_owned(),
+            adaptive: run.course.adaptive,
+            mass_kg: system.mass()[0],
+            damping_ns_m: system.damping,
+            damping_estimate_ns_m: run.damping_estimate,
+            dt_s: run.time_step,
+            stability_limit_s: run.longest,
+            stability_limit_of_row_sums_s: of_rows.filter(|l| l.is_finite()),
+            stiffest_1_s2: run.stiffest.mode.angular_frequency_squared,
+            at_rest: end == RestEnd::Rest,
+            end: in_words(end, run),
+            steps: last.step,
+            steps_wanted: run.frames(),
+            simulated_s: run.time,
+            residual_force_n: last.residual,
+            residual_force_allowed_n: rest.force,
+            kinetic_energy_j: last.energy.kinetic,
+            kinetic_energy_allowed_j: rest.energy,
+            spring_energy_j: last.energy.stored,
+            end_of_run: end,
+        }
+    }
+
+    /// Results of the checks, with advice for a system that is not at rest.
+    pub fn verdicts(&self, hint: Option<String>) -> Vec<Verdict> {
+        let rest = Verdict::new("the system is at rest", self.at_rest).at(self.end.as_str());
+        let stable = self.stability_limit_s.is_none_or(|limit| self.dt_s < limit) || self.adaptive;
+        let step = Verdict::new("the step is below the stability limit, or adapts", stable);
+        let step = Verdict {
+            limit: self.stability_limit_s,
+            ..step.with_value(self.dt_s).in_unit("s")
+        };
+        let rest = Verdict {
+            what_to_do: hint,
+            ..rest
+        };
+        vec![rest, step]
+    }
+}
+
+fn in_words(end: RestEnd, run: &SpringsRun) -> String {
+    let (last, rest) = (&run.last, &run.rest);
+    let steps = last.step;
+    let left = format!(
+        "force {} N (allowed {}), motion {} J (allowed {})",
+        number(last.residual),
+        number(rest.force),
+        number(last.energy.kinetic),
+        number(rest.energy)
+    );
+    match end {
+        RestEnd::Rest => format!("at rest after {steps} steps: {left}"),
+        RestEnd::Steps => format!("not at rest after {steps} steps: {left}"),
+        RestEnd::Stopped => format!("stopped after {steps} steps: {left}"),
+        RestEnd::Failed(error) => format!("failed after {steps} steps: {error}"),
+    }
+}
+
+/// The result of a scene, from the `measured` one of its frames.
+pub(super) fn output<'a>(run: &SpringsRun, measured: RunOutput<'a>) -> RunOutput<'a> {
+    let summary = Summary::of(run);
+    RunOutput {
+        measures: measures(&summary),
+        verdicts: summary.verdicts(None),
+        tables: vec![settings(&summary)],
+        ..measured
+    }
+}
+
+/// The system and its integration.
+pub fn settings(s: &Summary) -> Table {
+    let seconds = |limit: Option<f64>| {
+        limit.map_or("none: every step is stable".to_owned(), |s| {
+            format!("{} s", number(s))
+        })
+    };
+    let estimate = s
+        .damping_estimate_ns_m
+        .map_or(String::new(), |c| format!(" (estimate {})", number(c)));
+    let adaptive = if s.adaptive { ", adaptive step" } else { "" };
+    let mut table = Table::new("Settings", ["name", "value"]);
+    for (name, value) in [
+        (
+            "points",
+            format!("{}, {} of them held", s.points, s.points_held),
+        ),
+        ("springs", s.springs.to_string()),
+        ("integrator", format!("{}{adaptive}", s.integrator)),
+        ("mass of a point", format!("{} kg", number(s.mass_kg))),
+        (
+            "damping",
+            format!("{} N s/m{estimate}", number(s.damping_ns_m)),
+        ),
+        ("step", format!("{} s", number(s.dt_s))),
+        ("stability limit", seconds(s.stability_limit_s)),
+        (
+            "stiffest motion",
+            format!("{} 1/s2", number(s.stiffest_1_s2)),
+        ),
+        ("simulated time", format!("{} s", number(s.simulated_s))),
+    ] {
+        table.row([name.to_owned(), value]);
+    }
+    table
+}

@@ -1,0 +1,121 @@
+//! A spring system on its way to rest as a scenario.
+
+use std::collections::HashSet;
+
+use nalgebra::Isometry3;
+
+use super::{
+    BodyDescription, BodyState, FrameState, Scenario, ScenarioKind, SceneDescription, Stepped,
+};
+use crate::constraints::distance::Distance;
+use crate::mesh::TriangleMesh;
+use crate::progress::Progress;
+use crate::simulation::Plan;
+use crate::simulation::springs::SpringsRun;
+use crate::springs::RestEnd;
+
+impl Scenario for SpringsRun {
+    fn kind(&self) -> ScenarioKind<'_> {
+        ScenarioKind::Springs(self)
+    }
+
+    fn name(&self) -> &str {
+        &self.model.name
+    }
+
+    fn frames(&self) -> usize {
+        self.frames
+    }
+
+    fn frame(&self) -> usize {
+        self.last.step
+    }
+
+    fn frame_rate(&self) -> f64 {
+        self.frame_rate
+    }
+
+    fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    fn description(&self) -> SceneDescription {
+        let model = &self.model;
+        let rest = TriangleMesh {
+            vertices: self.rest_position.clone(),
+            triangles: model.triangles.clone(),
+        };
+        let held = model.system.pinned().iter();
+        let held = held.map(|pinned| f64::from(u8::from(*pinned))).collect();
+        let mut edges = Vec::new();
+        for (&points, &rest) in model.lines.iter().zip(&model.rest_lengths) {
+            if rest > 0.0 {
+                edges.push(Distance { points, rest });
+            }
+        }
+        let body = BodyDescription {
+            edges,
+            lines: model.lines.iter().map(|ends| ends.to_vec()).collect(),
+            ..BodyDescription::of_surface(&model.name, rest, held, &mut HashSet::new())
+        };
+        SceneDescription {
+            bodies: vec![body],
+            bones: Vec::new(),
+        }
+    }
+
+    fn poses(&self, _: usize) -> Vec<Isometry3<f64>> {
+        Vec::new()
+    }
+
+    fn bodies(&self) -> Vec<BodyState> {
+        let system = &self.model.system;
+        vec![(system.position.clone(), system.velocity.clone())]
+    }
+
+    fn state(&self) -> FrameState {
+        FrameState {
+            frame: self.frame(),
+            time: self.time,
+            bodies: self.bodies(),
+            bones: Vec::new(),
+        }
+    }
+
+    fn step(&mut self, _: &dyn Progress) -> Stepped {
+        SpringsRun::step(self)
+    }
+
+    fn is_finished(&self) -> bool {
+        self.end.is_some() || self.frame() >= self.frames
+    }
+
+    fn converged(&self) -> bool {
+        self.end == Some(RestEnd::Rest)
+    }
+
+    fn measures(&self) -> Vec<(&'static str, f64)> {
+        vec![
+            ("steps", self.last.step as f64),
+            ("simulated_s", self.time),
+            ("residual_force_n", self.last.residual),
+            ("kinetic_energy_j", self.last.energy.kinetic),
+            ("spring_energy_j", self.last.energy.stored),
+        ]
+    }
+
+    fn limits(&self) -> Vec<(&'static str, f64)> {
+        vec![
+            ("residual_force_n", self.rest.force),
+            ("kinetic_energy_j", self.rest.energy),
+        ]
+    }
+
+    fn severity(&self) -> f64 {
+        self.last.residual
+    }
+
+    fn severity_name(&self) -> &'static str {
+        "greatest force"
+    }
+}

@@ -1,0 +1,416 @@
+//! A spring system on its way to rest: its surface is moved, and each step is a frame.
+
+use nalgebra::{Point3, center};
+
+use super::fault::{Fault, LoadError};
+use super::plan::Plan;
+use super::scenario::Stepped;
+use crate::format::number;
+use crate::mesh::measures::Aabb;
+use crate::scene::content::{LatticeScene, RestCourse, SpringsDamping};
+use crate::springs::damping::{self, DampedBody};
+use crate::springs::integrators::{Adaptive, Integrator, StepError, Verlet, by_name};
+use crate::springs::lattice::{LatticeError, LatticeSettings, LatticeShape};
+use crate::springs::patterns::{self, at_rest};
+use crate::springs::spring_set::PairError;
+use crate::springs::{
+    Neighbours, RestEnd, RestSettings, SpringSystem, Springs, StepRecord, Stiffest, SystemError,
+    limit, stiffest,
+};
+
+/// The reason why a spring system cannot run to rest.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SpringsError {
+    /// The springs have no length, so that no damping can be estimated.
+    #[error("no damping can be estimated for such springs")]
+    NoEstimate,
+    /// The name belongs to no integrator.
+    #[error("no integrator is called {0}")]
+    NoIntegrator(&'static str),
+    /// The longest stable step is zero in double precision.
+    #[error("{0}: the longest stable step is too small for a number")]
+    TooSmall(&'static str),
+    /// The integrator is stable with damping only.
+    #[error("{0}: no step is stable without damping")]
+    NeverStable(&'static str),
+    /// The step is not shorter than the longest stable one.
+    #[error("a step of {} s is not stable: {integrator} needs less than {} s here", number(*.time_step), number(*.longest))]
+    TooLong {
+        /// Name of the integrator.
+        integrator: &'static str,
+        /// The step [s].
+        time_step: f64,
+        /// The longest stable step [s].
+        longest: f64,
+    },
+    /// The lattice is not valid.
+    #[error(transparent)]
+    Lattice(#[from] LatticeError),
+    /// The springs are not valid.
+    #[error(transparent)]
+    Springs(#[from] PairError),
+    /// The points are not valid.
+    #[error(transparent)]
+    System(#[from] SystemError),
+}
+
+impl SpringsError {
+    /// The key of a scene that has the wrong value.
+    pub fn key(&self) -> &'static str {
+        match self {
+            Self::NoEstimate => "lattice.damping",
+            Self::TooLong { .. } => "lattice.rest.time_step",
+            Self::NoIntegrator(_) | Self::TooSmall(_) | Self::NeverStable(_) => {
+                "lattice.rest.integrator"
+            }
+            Self::Lattice(_) | Self::Springs(_) | Self::System(_) => "lattice",
+        }
+    }
+
+    /// Advice for the user.
+    pub fn help(&self) -> &'static str {
+        match self {
+            Self::NoEstimate => "give `damping`",
+            Self::NoIntegrator(_) => "take another `integrator`",
+            Self::TooSmall(_) => "give a greater `mass`",
+            Self::NeverStable(_) => "give `damping`, or take another `integrator`",
+            Self::TooLong { .. } => {
+                "take a shorter `time_step`, `adaptive = true`, or `integrator = \"implicit\"`"
+            }
+            Self::Lattice(_) | Self::Springs(_) | Self::System(_) => {
+                "change `points`, `side` or `mass`"
+            }
+        }
+    }
+}
+
+/// A spring system at rest.
+pub struct SpringsModel {
+    /// Name, also of the folder of results.
+    pub name: String,
+    /// Points and springs.
+    pub system: SpringSystem,
+    /// Ends of each spring.
+    pub lines: Vec<[u32; 2]>,
+    /// Rest length of each spring [m].
+    pub rest_lengths: Vec<f64>,
+    /// Triangles of the surface; may be empty.
+    pub triangles: Vec<[u32; 3]>,
+    /// Points of the surface.
+    pub surface: Vec<u32>,
+    /// Neighbours of a point in a lattice; otherwise the most similar kind.
+    pub neighbours: Neighbours,
+    /// Input of the estimate of the damping; `None` for a single point.
+    pub damped: Option<DampedBody>,
+}
+
+impl SpringsModel {
+    /// Points at `x` [m] with equal masses [kg] and springs, without a surface.
+    ///
+    /// # Errors
+    /// Points, masses or springs that are not valid.
+    pub fn new(
+        name: String,
+        x: Vec<Point3<f64>>,
+        mass: f64,
+        springs: Springs,
+    ) -> Result<Self, SpringsError> {
+        let masses = vec![mass; x.len()];
+        let mut system = SpringSystem::new(x, masses)?;
+        let laws = springs.springs().iter();
+        let (lines, rest_lengths) = laws.map(|(ends, law)| (*ends, law.rest)).unzip();
+        system.add(springs)?;
+        Ok(Self {
+            name,
+            system,
+            lines,
+            rest_lengths,
+            triangles: Vec::new(),
+            surface: Vec::new(),
+            neighbours: Neighbours::Six,
+            damped: None,
+        })
+    }
+
+    /// The lattice of a scene.
+    ///
+    /// # Errors
+    /// Numbers that give no valid lattice.
+    pub fn of_lattice(scene: &LatticeScene) -> Result<Self, SpringsError> {
+        let shape = LatticeShape::with_longest_side(scene.points, scene.side)?;
+        let settings = LatticeSettings {
+            stiffness: scene.stiffness,
+            mass: scene.mass,
+            ..LatticeSettings::new(scene.neighbours)
+        };
+        let x = shape.positions();
+        let edges = patterns::lattice(&shape, scene.neighbours);
+        let springs = at_rest(&x, edges, |length| settings.stiffness.of(length));
+        let springs = Springs::new(x.len(), springs)?;
+        Ok(Self {
+            surface: shape.surface(),
+            neighbours: scene.neighbours,
+            damped: settings.body(&shape),
+            ..Self::new(scene.name.clone(), x, scene.mass, springs)?
+        })
+    }
+
+    /// The estimate (7.2) of the damping [N s/m]; `None` if the springs have no length.
+    pub fn damping_estimate(&self) -> Option<f64> {
+        let estimate = damping::estimate(self.neighbours, self.damped?);
+        Some(estimate).filter(|c| c.is_finite() && *c > 0.0)
+    }
+
+    /// Moves the surface towards the centre by a share of the distance, and fixes it if `hold` is
+    /// true.
+    fn disturb(&mut self, share: f64, hold: bool) {
+        let bounds = Aabb::of_points(&self.system.position);
+        let centre = center(&bounds.min, &bounds.max);
+        for &p in &self.surface {
+            let x = &mut self.system.position[p as usize];
+            *x = centre + (*x - centre) * (1.0 - share);
+        }
+        if hold {
+            self.system.pin(self.surface.iter().copied());
+        }
+    }
+}
+
+/// A function that makes a step and returns its length [s].
+type Advance = Box<dyn FnMut(&mut SpringSystem) -> Result<f64, StepError> + Send>;
+
+/// A spring system that runs to rest. Each step is a frame.
+pub struct SpringsRun {
+    /// The system in the last frame.
+    pub model: SpringsModel,
+    /// The course to rest.
+    pub course: RestCourse,
+    /// Positions at rest, before the surface was moved [m].
+    pub rest_position: Vec<Point3<f64>>,
+    /// Estimate of the damping [N s/m].
+    pub damping_estimate: Option<f64>,
+    /// The stiffest mode at rest. The displacement of the surface softens the inner springs.
+    pub stiffest: Stiffest,
+    /// The first step [s].
+    pub time_step: f64,
+    /// Longest stable step [s]; `None` if every step is stable.
+    pub longest: Option<f64>,
+    /// Criterion of rest.
+    pub rest: RestSettings,
+    /// Measures of the last step.
+    pub last: StepRecord,
+    /// Reason of the end; `None` before it, and after the greatest number of steps.
+    pub end: Option<RestEnd>,
+    /// Simulated time [s].
+    pub time: f64,
+    pub(super) plan: Plan,
+    pub(super) frames: usize,
+    pub(super) frame_rate: f64,
+    advance: Advance,
+}
+
+impl SpringsRun {
+    /// Moves the surface of a system, which makes at most `frames` steps. Pictures show
+    /// `frame_rate` steps a second.
+    ///
+    /// # Errors
+    /// No estimate of the damping, or no stable step.
+    pub fn new(
+        mut model: SpringsModel,
+        damping: SpringsDamping,
+        course: &RestCourse,
+        frames: usize,
+        frame_rate: f64,
+    ) -> Result<Self, SpringsError> {
+        let damping_estimate = model.damping_estimate();
+        model.system.damping = match damping {
+            SpringsDamping::Absolute(damping) => damping,
+            share => share.of(damping_estimate.ok_or(SpringsError::NoEstimate)?),
+        };
+        let stiffest = stiffest(&model.system);
+        let integrator =
+            by_name(course.integrator).ok_or(SpringsError::NoIntegrator(course.integrator))?;
+        let longest = limit(&*integrator, &stiffest);
+        let time_step = time_step(course, &*integrator, &stiffest, longest)?;
+        let rest = RestSettings::share_of(&model.system, course.tolerance);
+        let rest_position = model.system.position.clone();
+        model.disturb(course.shrink, course.held);
+        let mut run = Self {
+            last: StepRecord::of(&model.system, 0, 0.0, &model.system.position),
+            model,
+            course: course.clone(),
+            rest_position,
+            damping_estimate,
+            stiffest,
+            time_step,
+            longest: longest.is_finite().then_some(longest),
+            rest,
+            end: None,
+            time: 0.0,
+            plan: Plan::default(),
+            frames,
+            frame_rate,
+            advance: advance(course.adaptive, integrator, time_step),
+        };
+        run.judge();
+        Ok(run)
+    }
+
+    /// The lattice of a scene, in the scene's course to rest or in the default one.
+    ///
+    /// # Errors
+    /// As of [`SpringsModel::of_lattice`] and [`SpringsRun::new`].
+    pub fn of_lattice(scene: &LatticeScene) -> Result<Self, LoadError> {
+        let course = scene.rest.clone().unwrap_or_default();
+        let refused = |error: SpringsError| {
+            let key = error.key();
+            LoadError::at(
+                &scene.origin,
+                key,
+                "lattice".to_owned(),
+                Fault::Springs(error),
+            )
+        };
+        let model = SpringsModel::of_lattice(scene).map_err(refused)?;
+        let shape = LatticeShape::with_longest_side(scene.points, scene.side)
+            .map_err(|error| refused(error.into()))?;
+        let (frames, frame_rate) = (scene.frames, scene.frame_rate);
+        let mut run =
+            Self::new(model, scene.damping, &course, frames, frame_rate).map_err(refused)?;
+        run.plan = Plan::of_lattice(scene, &shape, 1);
+        Ok(run)
+    }
+
+    /// Ends the run if the system is at rest.
+    fn judge(&mut self) {
+        if self.rest.allows(&self.last) {
+            self.end = Some(RestEnd::Rest);
+        }
+    }
+
+    /// Makes a step.
+    pub fn step(&mut self) -> Stepped {
+        let before = self.model.system.position.clone();
+        match (self.advance)(&mut self.model.system) {
+            Ok(dt) => {
+                self.time += dt;
+                self.last = StepRecord::of(&self.model.system, self.last.step + 1, dt, &before);
+                self.judge();
+                Stepped::Done
+            }
+            Err(error) => {
+                self.end = Some(RestEnd::Failed(error));
+                Stepped::Failed(error.to_string())
+            }
+        }
+    }
+}
+
+/// The first step [s]: the given one, or half of the longest stable one.
+fn time_step(
+    course: &RestCourse,
+    integrator: &dyn Integrator,
+    stiffest: &Stiffest,
+    longest: f64,
+) -> Result<f64, SpringsError> {
+    let step = if longest.is_finite() {
+        0.5 * longest
+    } else {
+        5.0 * limit(&Verlet::default(), stiffest)
+    };
+    // If nothing moves, any step is stable.
+    let step = if step.is_finite() { step } else { 1.0 };
+    let time_step = course.time_step.unwrap_or(step);
+    if !(time_step > 0.0) {
+        return Err(if stiffest.mode.damping_rate > 0.0 {
+            SpringsError::TooSmall(integrator.name())
+        } else {
+            SpringsError::NeverStable(integrator.name())
+        });
+    }
+    if time_step >= longest && !course.adaptive {
+        return Err(SpringsError::TooLong {
+            integrator: integrator.name(),
+            time_step,
+            longest,
+        });
+    }
+    Ok(time_step)
+}
+
+/// The steps of a run.
+fn advance(is_adaptive: bool, mut integrator: Box<dyn Integrator>, dt: f64) -> Advance {
+    if is_adaptive {
+        let mut adaptive = Adaptive::new(integrator, dt);
+        return Box::new(move |system| adaptive.step(system).map(|a| a.dt));
+    }
+    Box::new(move |system| integrator.step(system, dt).map(|()| dt))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin::load_content;
+    use crate::scene::content::Content;
+    use crate::springs::settle;
+
+    fn scene(changes: &[&str]) -> LatticeScene {
+        let mut all = [
+            "lattice.points=[4,4,5]",
+            "lattice.drag=none",
+            "lattice.release=none",
+        ]
+        .map(str::to_owned)
+        .to_vec();
+        all.push("lattice.damping=1".to_owned());
+        all.extend(changes.iter().map(|change| (*change).to_owned()));
+        match load_content("lattice", &all).expect("a scene") {
+            Content::Lattice(scene) => *scene,
+            _ => panic!("a lattice"),
+        }
+    }
+
+    #[test]
+    fn a_scene_comes_to_rest_as_the_system_of_its_numbers_does() {
+        let scene = scene(&["frames=2000", "lattice.rest.shrink=0.05"]);
+        let mut run = SpringsRun::of_lattice(&scene).expect("a system");
+        let mut model = SpringsModel::of_lattice(&scene).expect("a system");
+        model.system.damping = model.damping_estimate().expect("an estimate");
+        assert_eq!(
+            model.system.damping.to_bits(),
+            run.model.system.damping.to_bits()
+        );
+        model.disturb(0.05, true);
+        let mut verlet = Verlet::default();
+        let settled = settle(
+            &mut model.system,
+            &mut verlet,
+            run.time_step,
+            run.rest,
+            scene.frames,
+            |_, _| true,
+        );
+        while run.end.is_none() && run.last.step < scene.frames {
+            assert_eq!(run.step(), Stepped::Done);
+        }
+        assert_eq!((run.end, settled.end), (Some(RestEnd::Rest), RestEnd::Rest));
+        assert!(settled.steps > 10);
+        assert_eq!(run.last, settled.last);
+        assert_eq!(run.model.system.position, model.system.position);
+    }
+
+    #[test]
+    fn a_step_that_is_too_long_is_refused_unless_it_adapts() {
+        let long = scene(&["lattice.rest.time_step=10 s"]);
+        let Err(LoadError::Unfit(unfit)) = SpringsRun::of_lattice(&long) else {
+            panic!("a step that is too long")
+        };
+        assert!(matches!(
+            unfit.fault,
+            Fault::Springs(SpringsError::TooLong { .. })
+        ));
+        assert_eq!(unfit.scene_error().key(), "lattice.rest.time_step");
+        let adaptive = scene(&["lattice.rest.time_step=10 s", "lattice.rest.adaptive=true"]);
+        assert!(SpringsRun::of_lattice(&adaptive).is_ok());
+    }
+}
