@@ -1,6 +1,6 @@
 //! Errors of the meshes and attachments of a scene, with the line of the scene that causes them.
 
-use super::springs::SpringsError;
+use super::springs::SpringsModelError;
 use crate::io::ReadError;
 use crate::scene::{Scene, SceneError, SceneOrigin, SceneProblem};
 use crate::skin::SkinError;
@@ -107,7 +107,7 @@ pub enum Fault {
     Lattice(#[from] LatticeError),
     /// E079: a spring system cannot run to rest.
     #[error(transparent)]
-    Springs(#[from] SpringsError),
+    Springs(#[from] SpringsModelError),
 }
 
 impl Fault {

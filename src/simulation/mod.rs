@@ -24,7 +24,7 @@ pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
-pub use springs::{SpringsError, SpringsModel, SpringsRun};
+pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 
 use std::sync::Arc;
 

@@ -20,7 +20,7 @@ use crate::springs::{
 
 /// The reason why a spring system cannot run to rest.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SpringsError {
+pub enum SpringsModelError {
     /// The springs have no length, so that no damping can be estimated.
     #[error("no damping can be estimated for such springs")]
     NoEstimate,
@@ -54,7 +54,7 @@ pub enum SpringsError {
     System(#[from] SystemError),
 }
 
-impl SpringsError {
+impl SpringsModelError {
     /// The key of a scene that has the wrong value.
     pub fn key(&self) -> &'static str {
         match self {
@@ -114,7 +114,7 @@ impl SpringsModel {
         x: Vec<Point3<f64>>,
         mass: f64,
         springs: Springs,
-    ) -> Result<Self, SpringsError> {
+    ) -> Result<Self, SpringsModelError> {
         let masses = vec![mass; x.len()];
         let mut system = SpringSystem::new(x, masses)?;
         let laws = springs.springs().iter();
@@ -136,7 +136,7 @@ impl SpringsModel {
     ///
     /// # Errors
     /// Numbers that give no valid lattice.
-    pub fn of_lattice(scene: &LatticeScene) -> Result<Self, SpringsError> {
+    pub fn of_lattice(scene: &LatticeScene) -> Result<Self, SpringsModelError> {
         let shape = LatticeShape::with_longest_side(scene.points, scene.side)?;
         let settings = LatticeSettings {
             stiffness: scene.stiffness,
@@ -221,15 +221,15 @@ impl SpringsRun {
         course: &RestCourse,
         frames: usize,
         frame_rate: f64,
-    ) -> Result<Self, SpringsError> {
+    ) -> Result<Self, SpringsModelError> {
         let damping_estimate = model.damping_estimate();
         model.system.damping = match damping {
             SpringsDamping::Absolute(damping) => damping,
-            share => share.of(damping_estimate.ok_or(SpringsError::NoEstimate)?),
+            share => share.of(damping_estimate.ok_or(SpringsModelError::NoEstimate)?),
         };
         let stiffest = stiffest(&model.system);
         let integrator =
-            by_name(course.integrator).ok_or(SpringsError::NoIntegrator(course.integrator))?;
+            by_name(course.integrator).ok_or(SpringsModelError::NoIntegrator(course.integrator))?;
         let longest = limit(&*integrator, &stiffest);
         let time_step = time_step(course, &*integrator, &stiffest, longest)?;
         let rest = RestSettings::share_of(&model.system, course.tolerance);
@@ -262,7 +262,7 @@ impl SpringsRun {
     /// As of [`SpringsModel::of_lattice`] and [`SpringsRun::new`].
     pub fn of_lattice(scene: &LatticeScene) -> Result<Self, LoadError> {
         let course = scene.rest.clone().unwrap_or_default();
-        let refused = |error: SpringsError| {
+        let refused = |error: SpringsModelError| {
             let key = error.key();
             LoadError::at(
                 &scene.origin,
@@ -312,7 +312,7 @@ fn time_step(
     integrator: &dyn Integrator,
     stiffest: &Stiffest,
     longest: f64,
-) -> Result<f64, SpringsError> {
+) -> Result<f64, SpringsModelError> {
     let step = if longest.is_finite() {
         0.5 * longest
     } else {
@@ -323,13 +323,13 @@ fn time_step(
     let time_step = course.time_step.unwrap_or(step);
     if !(time_step > 0.0) {
         return Err(if stiffest.mode.damping_rate > 0.0 {
-            SpringsError::TooSmall(integrator.name())
+            SpringsModelError::TooSmall(integrator.name())
         } else {
-            SpringsError::NeverStable(integrator.name())
+            SpringsModelError::NeverStable(integrator.name())
         });
     }
     if time_step >= longest && !course.adaptive {
-        return Err(SpringsError::TooLong {
+        return Err(SpringsModelError::TooLong {
             integrator: integrator.name(),
             time_step,
             longest,
@@ -407,7 +407,7 @@ mod tests {
         };
         assert!(matches!(
             unfit.fault,
-            Fault::Springs(SpringsError::TooLong { .. })
+            Fault::Springs(SpringsModelError::TooLong { .. })
         ));
         assert_eq!(unfit.scene_error().key(), "lattice.rest.time_step");
         let adaptive = scene(&["lattice.rest.time_step=10 s", "lattice.rest.adaptive=true"]);

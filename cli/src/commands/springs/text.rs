@@ -4,7 +4,7 @@ use super::super::failure::Failure;
 use super::super::scene_text::{SceneText, number, quoted};
 use super::Arguments;
 use pliant::scene::{RestCourse, SpringsDamping};
-use pliant::simulation::SpringsError;
+use pliant::simulation::SpringsModelError;
 use pliant::springs::Neighbours;
 use pliant::springs::integrators::INTEGRATORS;
 
@@ -94,6 +94,6 @@ pub(super) fn course(arguments: &Arguments) -> Result<(SpringsDamping, RestCours
 }
 
 /// The refusal of the system of a file.
-pub(super) fn refused(error: &SpringsError) -> Failure {
+pub(super) fn refused(error: &SpringsModelError) -> Failure {
     SceneText::new("", WORDS).refused(error.key(), &error.to_string(), error.help())
 }
