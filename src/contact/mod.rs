@@ -45,6 +45,7 @@ mod active_normals;
 pub(crate) mod broad_phase;
 pub(crate) mod capsule;
 mod faces;
+pub(crate) mod gap;
 #[cfg(feature = "contact")]
 mod motion_bound;
 mod nearest;
