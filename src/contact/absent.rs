@@ -19,7 +19,11 @@ impl Contacts {
         match *self {}
     }
 
-    pub(crate) fn barred(&self, _: &[Point3<f64>]) -> ActiveNormals {
+    pub(crate) fn barred(
+        &self,
+        _: &[Point3<f64>],
+        _: &[(u32, nalgebra::Vector3<f64>)],
+    ) -> ActiveNormals {
         match *self {}
     }
 

@@ -47,7 +47,11 @@ pub(crate) mod capsule;
 mod faces;
 pub(crate) mod gap;
 #[cfg(feature = "contact")]
+pub(crate) mod meeting;
+#[cfg(feature = "contact")]
 mod motion_bound;
+#[cfg(feature = "contact")]
+mod near_pairs;
 mod nearest;
 #[cfg(feature = "contact")]
 pub(crate) mod penetration_response;

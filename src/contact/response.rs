@@ -1,7 +1,7 @@
 //! Contact of one muscle with all of its obstacles: closest points, corrections, friction, pinched
 //! vertices.
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::active_normals::ActiveNormals;
 use super::motion_bound::MotionBound;
@@ -19,7 +19,7 @@ use crate::state::{DecodeError, Reader, State, Writer};
 /// Distance between a bone vertex and a triangle, in contact thicknesses. It is smaller than that
 /// between a vertex and a bone, so that a triangle whose corners rest on a gently curved bone does
 /// not move.
-const OVER_VERTEX: f64 = 0.5;
+pub(crate) const OVER_VERTEX: f64 = 0.5;
 
 /// Number of rounds in which a vertex between two bones must find room before its distance to them
 /// is reduced.
@@ -141,13 +141,25 @@ impl Contacts {
                 thickness,
                 self.motion_bound[k],
             );
-            if thickness != self.thickness {
+            if let Some(old) = self
+                .triangles
+                .get(k)
+                .filter(|_| thickness != self.thickness)
+            {
                 next.triangles[k] =
                     TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX);
-                next.triangles[k].lookups = self.triangles[k].lookups;
+                next.triangles[k].lookups = old.lookups;
             }
         }
         next
+    }
+
+    /// This contact without the points of bones: a [`Meeting`](super::meeting::Meeting) keeps them, and
+    /// edges, out of triangles.
+    #[must_use]
+    pub(crate) fn of_vertices_alone(mut self) -> Self {
+        self.triangles.clear();
+        self
     }
 
     /// A superset of the free vertices in or near obstacle `o`, after the last correction.
@@ -194,7 +206,10 @@ impl Contacts {
         for plane in self.vertices.iter_mut().flat_map(|c| &mut c.planes) {
             push(plane, &mut particles.position, self.thickness);
         }
-        let motion_bound = self.motion_bounds(placed, &particles.position);
+        let motion_bound = match self.triangles.is_empty() {
+            true => motion_bound,
+            false => self.motion_bounds(placed, &particles.position),
+        };
         self.look_up_triangles(placed, &particles.position, &motion_bound);
         self.push(placed, particles, &motion_bound);
     }
@@ -366,15 +381,21 @@ impl Contacts {
         vertices.chain(triangles).collect()
     }
 
-    /// The directions in which contact blocks vertices at `x`.
-    pub fn barred(&self, x: &[Point3<f64>]) -> ActiveNormals {
+    /// The directions in which contact blocks vertices at `x`, with more vertices and directions in
+    /// which they may move.
+    pub fn barred(&self, x: &[Point3<f64>], more: &[(u32, Vector3<f64>)]) -> ActiveNormals {
         let planes = self.vertices.iter().flat_map(|c| &c.planes);
         let touching = planes
             .filter(|r| r.height(x) < 1.5 * self.thickness)
             .map(|r| (r.vertex, r.normal));
         let active = self.triangles.iter().flat_map(|c| &c.active);
         let corners = active.flat_map(|plane| plane.points.map(|v| (v, -plane.normal)));
-        ActiveNormals(touching.chain(corners).collect())
+        ActiveNormals(
+            touching
+                .chain(corners)
+                .chain(more.iter().copied())
+                .collect(),
+        )
     }
 
     /// Ends the step: velocities lose the motion of corrections, and friction slows the sliding of
@@ -418,7 +439,9 @@ impl Contacts {
             let placed = &placed[self.obstacles[k]];
             self.motion_bound[k] += self.motion(placed, x);
             self.vertices[k].end_step(placed, x, self.motion_bound[k]);
-            self.triangles[k].end_step(self.motion_bound[k], since);
+            if let Some(triangles) = self.triangles.get_mut(k) {
+                triangles.end_step(self.motion_bound[k], since);
+            }
         }
     }
 
@@ -427,6 +450,9 @@ impl Contacts {
     pub fn is_clear(&mut self, placed: &[PosedObstacle], x: &[Point3<f64>], depth: f64) -> bool {
         if !self.vertices.iter().all(|c| c.is_clear(x, depth)) {
             return false;
+        }
+        if self.triangles.is_empty() {
+            return true;
         }
         self.surface.refit(x);
         let mut points = self

@@ -145,6 +145,29 @@ impl Surface {
         found[begin..].sort_unstable();
     }
 
+    /// Corners of a triangle at the last refit [m].
+    pub(super) fn corners(&self, triangle: u32) -> [Point3<f64>; 3] {
+        self.faces.mesh.corners(triangle as usize)
+    }
+
+    /// Bounds of the surface at the last refit [m].
+    pub(super) fn root_box(&self) -> Aabb {
+        let root = self.bvh.root_aabb();
+        let point = |p: Glam| Point3::new(p.x, p.y, p.z);
+        Aabb {
+            min: point(root.mins),
+            max: point(root.maxs),
+        }
+    }
+
+    /// Appends all triangles whose boxes meet `bounds`, ascending.
+    pub(super) fn meeting(&self, bounds: &Aabb, found: &mut Vec<u32>) {
+        let begin = found.len();
+        let bounds = ParryAabb::new(glam(&bounds.min), glam(&bounds.max));
+        found.extend(self.bvh.intersect_aabb(&bounds));
+        found[begin..].sort_unstable();
+    }
+
     /// The winding number of the surface at `point`, exact. `x` are its positions, none farther
     /// than `moved` [m] from the position at the last refit.
     pub fn winds_about(&self, point: &Point3<f64>, x: &[Point3<f64>], moved: f64) -> i32 {

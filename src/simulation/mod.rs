@@ -18,6 +18,7 @@ pub(crate) mod scenario;
 pub(crate) mod skin;
 pub(crate) mod springs;
 mod steer;
+mod together;
 
 pub use attachments::component;
 pub use lattice::{LatticeMeasures, LatticeRun};
@@ -46,6 +47,7 @@ pub use scenario::{
 
 use crate::contact::broad_phase::BroadPhase;
 use crate::contact::capsule::Capsule;
+use crate::contact::meeting::Certificate;
 use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
@@ -71,6 +73,9 @@ pub struct Simulation {
     pub notes: Vec<String>,
     surfaces: Vec<Arc<Surface>>,
     placed: Vec<PosedObstacle>,
+    /// Bodies that step together; made before the first frame.
+    groups: Vec<together::Group>,
+    certificate: Certificate,
     frame: usize,
     substeps: u32,
     /// Where frames are computed; `None`: in the pool of the caller.
@@ -120,6 +125,8 @@ impl Simulation {
             notes,
             surfaces,
             placed,
+            groups: Vec::new(),
+            certificate: Certificate::default(),
             frame: 0,
             substeps,
             pool: None,
@@ -155,6 +162,11 @@ impl Simulation {
         }
     }
 
+    /// Counts that certify that nothing crossed, over all frames so far.
+    pub fn certificate(&self) -> Certificate {
+        self.certificate
+    }
+
     /// Computes frames on `threads` threads of its own, or on those of the caller if the system
     /// provides none. Results do not depend on the number of threads.
     pub fn set_threads(&mut self, threads: usize) {
@@ -179,12 +191,22 @@ impl Simulation {
         let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
         let frame = self.frame + 1;
         let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
-        self.bodies
+        self.gather();
+        let mut bodies: Vec<Option<&mut Body>> = self.bodies.iter_mut().map(Some).collect();
+        let of_group = |group: &together::Group| -> Vec<&mut Body> {
+            let members = group.members.iter();
+            members.filter_map(|&b| bodies[b].take()).collect()
+        };
+        let bodies: Vec<Vec<&mut Body>> = self.groups.iter().map(of_group).collect();
+        self.groups
             .par_iter_mut()
-            .filter(|body| body.stopped.is_none())
-            .for_each(|body| {
-                step_body(body, &steps, dt, frame, thickness);
+            .zip(bodies)
+            .for_each(|(group, mut bodies)| {
+                group.compute(&mut bodies, &steps, dt, frame, thickness);
             });
+        for group in &mut self.groups {
+            self.certificate.add(&group.take_certificate());
+        }
         self.placed = steps.into_iter().next_back().unwrap_or_default();
         self.frame = frame;
         self.watch_reach();
@@ -288,18 +310,24 @@ impl State for Simulation {
             notes,
             surfaces: _,
             placed: _,
+            // Lists of pairs are made anew in each frame.
+            groups: _,
+            certificate,
             frame,
             substeps: _,
             pool: _,
         } = self;
         to.put(frame);
         to.list(notes);
+        certificate.save(to);
         bodies.iter().for_each(|body| body.save(to));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let frame: usize = from.take()?;
         self.notes = from.take()?;
+        self.certificate.restore(from)?;
+        self.groups.clear();
         match frame.checked_sub(1) {
             None => self.placed = place(&self.scene, &self.surfaces),
             Some(before) => {

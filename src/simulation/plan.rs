@@ -282,7 +282,7 @@ pub(super) fn swept(scene: &Scene, bone: usize, bounds: &Aabb) -> Aabb {
 /// A box that the muscle is expected to stay in: its start box, moved with each attached bone, with
 /// a margin. `None` for a muscle without attachment. The run tests whether the muscle leaves the
 /// box.
-fn reach(scene: &Scene, mesh: &TriangleMesh, m: usize) -> Option<Aabb> {
+pub(super) fn reach(scene: &Scene, mesh: &TriangleMesh, m: usize) -> Option<Aabb> {
     let muscle = &scene.muscles[m];
     let free = muscle.attachments.is_empty();
     if free && (scene.effects.gravity.is_some() || !muscle.forces.is_empty()) {

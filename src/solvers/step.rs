@@ -194,28 +194,48 @@ impl System {
         if dt == 0.0 {
             return Ok(());
         }
-        self.last_dt = dt;
-        self.start.clone_from(&self.particles.position);
-        self.start_velocity.clone_from(&self.particles.velocity);
+        self.keep_start(dt);
         self.advance(placed, dt, false)?;
         if self.particles.first_non_finite().is_none() {
             return Ok(());
         }
         // Repeats the step and tests after each effect, to name the cause.
-        self.particles.position.clone_from(&self.start);
-        self.particles.velocity.clone_from(&self.start_velocity);
+        self.back_to_start();
         let found = self.advance(placed, dt, true);
-        self.particles.position.clone_from(&self.start);
-        self.particles.velocity.clone_from(&self.start_velocity);
+        self.back_to_start();
         found.and(Err(Broken {
             effect: "step",
             particle: 0,
         }))
     }
 
+    /// Stores the state at the beginning of a step of `dt` [s].
+    fn keep_start(&mut self, dt: f64) {
+        self.last_dt = dt;
+        self.start.clone_from(&self.particles.position);
+        self.start_velocity.clone_from(&self.particles.velocity);
+    }
+
+    /// Takes the step back.
+    pub(crate) fn back_to_start(&mut self) {
+        self.particles.position.clone_from(&self.start);
+        self.particles.velocity.clone_from(&self.start_velocity);
+    }
+
     fn advance(&mut self, placed: &[PosedObstacle], dt: f64, watch: bool) -> Result<(), Broken> {
         self.predict(placed, dt);
         self.watch("motion", watch)?;
+        self.begin_sweeps();
+        for _ in 0..self.settings.iterations {
+            self.sweep(placed, dt, watch)?;
+            self.project_volume(dt, &[], &[]);
+            self.watch("volume", watch)?;
+        }
+        self.end_sweeps(placed, dt);
+        Ok(())
+    }
+
+    fn begin_sweeps(&mut self) {
         self.elastic.iter_mut().for_each(|batch| batch.begin_step());
         if let Some(volume) = &mut self.volume {
             volume.begin_step();
@@ -223,9 +243,10 @@ impl System {
         if let Some(contacts) = &mut self.contacts {
             contacts.begin_step(&self.start);
         }
-        for _ in 0..self.settings.iterations {
-            self.sweep(placed, dt, watch)?;
-        }
+    }
+
+    /// Takes the velocities, and ends a step of `dt` [s].
+    fn end_sweeps(&mut self, placed: &[PosedObstacle], dt: f64) {
         self.take_velocities(dt);
         if let Some(contacts) = &mut self.contacts {
             self.clock.time("contact", || {
@@ -233,7 +254,25 @@ impl System {
             });
         }
         self.limit_speed();
-        Ok(())
+    }
+
+    /// Begins a step of `dt` [s] whose sweeps [`Self::sweep_alone`], [`Self::project_volume`] and
+    /// [`Self::end_alone`] continue, so that several bodies go through it together.
+    pub(crate) fn begin_alone(&mut self, placed: &[PosedObstacle], dt: f64) {
+        self.keep_start(dt);
+        self.predict(placed, dt);
+        self.begin_sweeps();
+    }
+
+    /// The elastic constraints, and contact of vertices with bones.
+    pub(crate) fn sweep_alone(&mut self, placed: &[PosedObstacle], dt: f64) {
+        // Without the tests for numbers that are not finite, no error occurs.
+        let _ = self.sweep(placed, dt, false);
+    }
+
+    /// Ends a step that was begun with [`Self::begin_alone`].
+    pub(crate) fn end_alone(&mut self, placed: &[PosedObstacle], dt: f64) {
+        self.end_sweeps(placed, dt);
     }
 
     fn sweep(&mut self, placed: &[PosedObstacle], dt: f64, watch: bool) -> Result<(), Broken> {
@@ -257,24 +296,31 @@ impl System {
                 .time("contact", || contacts.project(placed, &mut self.particles));
             self.watch("contact", watch)?;
         }
-        self.project_volume(dt);
-        self.watch("volume", watch)
+        Ok(())
     }
 
     /// Projects the volume last and excludes vertices in contact, so that a step ends with both
-    /// satisfied.
-    fn project_volume(&mut self, dt: f64) {
+    /// satisfied. Vertices of `blocked` do not move against their directions, those of `frozen` not at all.
+    pub(crate) fn project_volume(
+        &mut self,
+        dt: f64,
+        blocked: &[(u32, Vector3<f64>)],
+        frozen: &[u32],
+    ) {
         let Some(volume) = &mut self.volume else {
             return;
         };
         let barred = self
             .contacts
             .as_ref()
-            .map(|contacts| contacts.barred(&self.particles.position));
+            .map(|contacts| contacts.barred(&self.particles.position, blocked));
         let restrict = |field: &mut [Slot], sign: f64| {
             if let Some(barred) = &barred {
                 barred.restrict(field, sign);
             }
+            frozen
+                .iter()
+                .for_each(|&v| field[v as usize] = Slot::default());
         };
         // Without a solution the volume is unchanged; the measures show it, and `unsolved` counts
         // it.
@@ -355,26 +401,39 @@ impl System {
             .collect();
         let dt = self.last_dt;
         for _ in 0..8 {
-            let Some(contacts) = &mut self.contacts else {
+            if self.contacts.is_none() {
                 return;
-            };
-            self.start.clone_from(&self.particles.position);
-            contacts.begin_step(&self.start);
-            self.clock
-                .time("contact", || contacts.project(&still, &mut self.particles));
-            self.project_volume(dt);
-            let Some(contacts) = &mut self.contacts else {
-                return;
-            };
-            let mut copy = Particles::at_rest(
-                self.particles.position.clone(),
-                self.particles.inverse_mass.clone(),
-            );
-            contacts.end_step(&still, &mut copy, dt.max(f64::MIN_POSITIVE));
-            if contacts.is_clear(&still, &self.particles.position, depth) {
+            }
+            self.settle_contact(&still);
+            self.project_volume(dt, &[], &[]);
+            if self.is_settled(&still, depth) {
                 return;
             }
         }
+    }
+
+    /// After the last step of a frame, for bodies that step together: contact of vertices with bones
+    /// once more.
+    pub(crate) fn settle_contact(&mut self, still: &[PosedObstacle]) {
+        self.start.clone_from(&self.particles.position);
+        if let Some(contacts) = &mut self.contacts {
+            contacts.begin_step(&self.start);
+            self.clock
+                .time("contact", || contacts.project(still, &mut self.particles));
+        }
+    }
+
+    /// Ends a round of [`Self::settle_contact`]. True if no vertex is deeper than `depth` [m] in a bone.
+    pub(crate) fn is_settled(&mut self, still: &[PosedObstacle], depth: f64) -> bool {
+        let Some(contacts) = &mut self.contacts else {
+            return true;
+        };
+        let mut copy = Particles::at_rest(
+            self.particles.position.clone(),
+            self.particles.inverse_mass.clone(),
+        );
+        contacts.end_step(still, &mut copy, self.last_dt.max(f64::MIN_POSITIVE));
+        contacts.is_clear(still, &self.particles.position, depth)
     }
 
     /// Residual of each effect after the last step.

@@ -1,0 +1,195 @@
+//! No crossing after any motion, by exact predicates, and the controls without which there are some.
+
+use nalgebra::{Point3, Vector3};
+
+use super::*;
+use crate::mesh::predicates::intersect;
+use crate::mesh::shapes::icosphere;
+use crate::testing::Draw;
+
+fn settings() -> MeetingSettings {
+    MeetingSettings {
+        thickness: 2e-3,
+        over_bone: 0.5,
+        friction: 0.0,
+        others: true,
+        bones: true,
+        itself: true,
+    }
+}
+
+/// Two balls of 10 cm with a gap of 2 mm.
+fn two_balls() -> [TriangleMesh; 2] {
+    let left = icosphere(0.1, 2);
+    let mut right = left.clone();
+    right
+        .vertices
+        .iter_mut()
+        .for_each(|x| *x = Point3::new(0.202 + x.x, 0.6 * x.y, 1.3 * x.z));
+    [left, right]
+}
+
+fn met(balls: &[TriangleMesh; 2], mass: &[Vec<f64>; 2]) -> Meeting {
+    let members: Vec<SoftMember<'_>> = balls
+        .iter()
+        .zip(mass)
+        .map(|(mesh, mass)| SoftMember {
+            mesh,
+            inverse_mass: mass,
+            obstacles: &[],
+        })
+        .collect();
+    Meeting::new(settings(), &members, &[[0, 1]], &[], |_| None)
+}
+
+/// Pairs of triangles that cross, of both surfaces and within each.
+fn crossings(balls: &[TriangleMesh; 2]) -> usize {
+    let first = balls[0].vertices.len() as u32;
+    let x: Vec<Point3<f64>> = balls
+        .iter()
+        .flat_map(|ball| ball.vertices.clone())
+        .collect();
+    let of = |t: &[u32; 3], shift: u32| t.map(|v| v + shift);
+    let all: Vec<[u32; 3]> = balls[0]
+        .triangles
+        .iter()
+        .map(|t| of(t, 0))
+        .chain(balls[1].triangles.iter().map(|t| of(t, first)))
+        .collect();
+    let bounds: Vec<Aabb> = all
+        .iter()
+        .map(|t| Aabb::of_points(&t.map(|v| x[v as usize])))
+        .collect();
+    let mut count = 0;
+    for s in 0..all.len() {
+        for t in s + 1..all.len() {
+            if bounds[s].intersects(&bounds[t]) {
+                count += usize::from(intersect(all[s], all[t], |v| x[v as usize]));
+            }
+        }
+    }
+    count
+}
+
+/// Drives the balls into each other by random motion in `trials` of five steps. Returns the
+/// crossings that are left; `spoil` takes something away from the guarantee after each list.
+fn driven(trials: u64, size: f64, spoil: impl Fn(&mut Meeting)) -> usize {
+    let mut total = 0;
+    for trial in 0..trials {
+        let mut draw = Draw::new(trial);
+        let mut balls = two_balls();
+        let mass = [
+            vec![1.0; balls[0].vertices.len()],
+            vec![1.0; balls[1].vertices.len()],
+        ];
+        let mut meeting = met(&balls, &mass);
+        for _ in 0..5 {
+            let starts: Vec<Vec<Point3<f64>>> =
+                balls.iter().map(|ball| ball.vertices.clone()).collect();
+            let starts: Vec<&[Point3<f64>]> = starts.iter().map(Vec::as_slice).collect();
+            meeting.begin_frame(&starts, &[]);
+            spoil(&mut meeting);
+            meeting.begin_step(&starts, &[]);
+            for (ball, sign) in balls.iter_mut().zip([1.0, -1.0]) {
+                for x in &mut ball.vertices {
+                    *x += (draw.direction() * draw.between(0.0, 0.7) + Vector3::x() * (sign * 0.5))
+                        * size;
+                }
+            }
+            let [one, other] = &mut balls;
+            meeting.hold(&mut [&mut one.vertices, &mut other.vertices], &[]);
+        }
+        total += crossings(&balls);
+    }
+    total
+}
+
+#[test]
+fn no_motion_crosses_and_each_part_of_the_guarantee_is_needed() {
+    let edge = 0.03;
+    assert_eq!(driven(8, edge, |_| ()), 0);
+    let without_edges = driven(8, edge, |meeting| {
+        meeting
+            .pairs
+            .retain(|pair| pair.parts == Parts::VertexTriangle)
+    });
+    assert!(without_edges > 0, "control: planes of edges are needed");
+    let without_some = driven(8, edge, |meeting| {
+        let mut k = 0;
+        meeting.pairs.retain(|_| {
+            k += 1;
+            k % 20 != 7
+        });
+    });
+    assert!(without_some > 0, "control: every pair is needed");
+    let without_cap = driven(8, edge, |meeting| {
+        meeting.pairs.retain(|pair| pair.listed < 0.25 * edge);
+        meeting.reach = [1e3; 2];
+    });
+    assert!(
+        without_cap > 0,
+        "control: the cap for pairs that are not listed is needed"
+    );
+    let beyond = driven(8, edge, |meeting| meeting.kept = -0.05);
+    assert!(beyond > 0, "control: a vertex must not go beyond its plane");
+}
+
+#[test]
+fn a_held_surface_is_not_moved_and_not_crossed() {
+    let mut balls = two_balls();
+    let mass = [
+        vec![1.0; balls[0].vertices.len()],
+        vec![0.0; balls[1].vertices.len()],
+    ];
+    let mut meeting = met(&balls, &mass);
+    for step in 0..10 {
+        let starts: Vec<Vec<Point3<f64>>> =
+            balls.iter().map(|ball| ball.vertices.clone()).collect();
+        let starts: Vec<&[Point3<f64>]> = starts.iter().map(Vec::as_slice).collect();
+        meeting.begin_step(&starts, &[]);
+        // The second ball moves through the first one, slowly.
+        balls[1].vertices.iter_mut().for_each(|x| x.x -= 1e-3);
+        let held = balls[1].vertices.clone();
+        let [one, other] = &mut balls;
+        let mut bodies: [&mut [Point3<f64>]; 2] = [&mut one.vertices, &mut other.vertices];
+        meeting.respond(&mut bodies, &[]);
+        meeting.hold(&mut bodies, &[]);
+        assert_eq!(balls[1].vertices, held, "step {step}");
+        assert_eq!(crossings(&balls), 0, "step {step}");
+    }
+    let counts = meeting.take_certificate();
+    assert_eq!(counts.open, 0);
+    assert!(counts.pairs > 0);
+}
+
+#[test]
+fn pushes_of_pairs_keep_the_momentum() {
+    let mut balls = two_balls();
+    let mass = [
+        vec![1.0; balls[0].vertices.len()],
+        vec![1.0; balls[1].vertices.len()],
+    ];
+    let mut meeting = met(&balls, &mass);
+    let starts: Vec<Vec<Point3<f64>>> = balls.iter().map(|ball| ball.vertices.clone()).collect();
+    let starts: Vec<&[Point3<f64>]> = starts.iter().map(Vec::as_slice).collect();
+    meeting.begin_step(&starts, &[]);
+    balls[0].vertices.iter_mut().for_each(|x| x.x += 1.5e-3);
+    let before: Vector3<f64> = balls
+        .iter()
+        .flat_map(|ball| &ball.vertices)
+        .map(|x| x.coords)
+        .sum();
+    let [one, other] = &mut balls;
+    meeting.respond(&mut [&mut one.vertices, &mut other.vertices], &[]);
+    let after: Vector3<f64> = balls
+        .iter()
+        .flat_map(|ball| &ball.vertices)
+        .map(|x| x.coords)
+        .sum();
+    assert!(meeting.rows.iter().any(Row::is_pushed));
+    assert!(
+        (after - before).norm() <= 1e-13,
+        "{}",
+        (after - before).norm()
+    );
+}

@@ -1,0 +1,358 @@
+//! Bodies that can meet take each step together; others are computed apart and in parallel.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::body::{Body, Stepper};
+use super::{SETTLED, Simulation, place, plan, step_body};
+use crate::contact::PosedObstacle;
+use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember};
+use crate::contact::response::OVER_VERTEX;
+use crate::mesh::union_find::UnionFind;
+use crate::solvers::{Broken, DIVERGENCE};
+
+/// Number of rounds in which volume and certificate are brought together.
+const VOLUME_ROUNDS: usize = 4;
+
+/// Greatest number of rounds after the last step of a frame.
+const SETTLING: usize = 8;
+
+/// Bodies that take their steps together.
+pub(super) struct Group {
+    /// Indices of the bodies, ascending.
+    pub members: Vec<usize>,
+    /// What they do to each other, to themselves and to bones; `None` without contact.
+    meeting: Option<Meeting>,
+    /// The obstacles of each member when the meeting was made.
+    obstacles: Vec<Vec<usize>>,
+}
+
+impl Simulation {
+    /// The groups of bodies that can meet. Each body is in one.
+    pub(super) fn gather(&mut self) {
+        let known = |group: &Group| {
+            let same = |(&b, obstacles): (&usize, &Vec<usize>)| {
+                self.bodies
+                    .get(b)
+                    .is_some_and(|body| obstacles_of(body) == *obstacles)
+            };
+            group.members.iter().zip(&group.obstacles).all(same)
+        };
+        let count: usize = self.groups.iter().map(|group| group.members.len()).sum();
+        if count == self.bodies.len() && self.groups.iter().all(known) {
+            return;
+        }
+        let partners = self.partners();
+        let mut sets = UnionFind::new(self.bodies.len());
+        for &[a, b] in &partners {
+            sets.join(a as u32, b as u32);
+        }
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); self.bodies.len()];
+        for b in 0..self.bodies.len() {
+            members[sets.root(b as u32) as usize].push(b);
+        }
+        members.retain(|members| !members.is_empty());
+        let first = place(&self.scene, &self.surfaces);
+        self.groups = members
+            .into_iter()
+            .map(|members| Group {
+                obstacles: members
+                    .iter()
+                    .map(|&b| obstacles_of(&self.bodies[b]))
+                    .collect(),
+                meeting: self.meeting(&members, &partners, &first),
+                members,
+            })
+            .collect();
+        for group in self.groups.iter().filter(|group| group.meeting.is_some()) {
+            for &b in &group.members {
+                let contacts = &mut self.bodies[b].system.contacts;
+                *contacts = contacts.take().map(|contacts| contacts.of_vertices_alone());
+            }
+        }
+    }
+
+    /// Pairs of bodies that can meet: whose boxes over all frames overlap.
+    fn partners(&self) -> Vec<[usize; 2]> {
+        if self.scene.effects.contact.is_none() {
+            return Vec::new();
+        }
+        let boxes: Vec<_> = self
+            .bodies
+            .iter()
+            .map(|body| {
+                let m = self
+                    .scene
+                    .muscles
+                    .iter()
+                    .position(|muscle| muscle.name == body.name);
+                m.and_then(|m| plan::reach(&self.scene, &body.rest, m))
+            })
+            .collect();
+        let mut partners = Vec::new();
+        for a in 0..boxes.len() {
+            for b in a + 1..boxes.len() {
+                let can_meet = match (&boxes[a], &boxes[b]) {
+                    (Some(a), Some(b)) => a.intersects(b),
+                    _ => true,
+                };
+                if can_meet && [a, b].iter().all(|&k| is_swept(&self.bodies[k])) {
+                    partners.push([a, b]);
+                }
+            }
+        }
+        partners
+    }
+
+    fn meeting(
+        &self,
+        members: &[usize],
+        partners: &[[usize; 2]],
+        first: &[PosedObstacle],
+    ) -> Option<Meeting> {
+        let contact = self.scene.effects.contact?;
+        if !members.iter().all(|&b| is_swept(&self.bodies[b])) {
+            return None;
+        }
+        let settings = MeetingSettings {
+            thickness: contact.thickness,
+            over_bone: OVER_VERTEX,
+            friction: contact.friction,
+            others: true,
+            bones: true,
+            itself: true,
+        };
+        let obstacles: Vec<Vec<usize>> = members
+            .iter()
+            .map(|&b| obstacles_of(&self.bodies[b]))
+            .collect();
+        let soft: Vec<SoftMember<'_>> = members
+            .iter()
+            .zip(&obstacles)
+            .map(|(&b, obstacles)| SoftMember {
+                mesh: &self.bodies[b].rest,
+                inverse_mass: &self.bodies[b].system.particles.inverse_mass,
+                obstacles,
+            })
+            .collect();
+        let place_of = |b: usize| members.iter().position(|&m| m == b);
+        let partners: Vec<[usize; 2]> = partners
+            .iter()
+            .filter_map(|&[a, b]| Some([place_of(a)?, place_of(b)?]))
+            .collect();
+        Some(Meeting::new(settings, &soft, &partners, first, |o| {
+            self.surfaces.get(o).cloned()
+        }))
+    }
+}
+
+/// Bodies with a surface whose steps are sweeps over constraints.
+fn is_swept(body: &Body) -> bool {
+    matches!(body.method, Stepper::Sweeps) && !body.rest.triangles.is_empty()
+}
+
+fn obstacles_of(body: &Body) -> Vec<usize> {
+    body.system
+        .contacts
+        .as_ref()
+        .map_or(Vec::new(), |c| c.obstacles().to_vec())
+}
+
+impl Group {
+    /// Computes a frame of `steps` of `dt` [s].
+    pub(super) fn compute(
+        &mut self,
+        bodies: &mut [&mut Body],
+        steps: &[Vec<PosedObstacle>],
+        dt: f64,
+        frame: usize,
+        thickness: f64,
+    ) {
+        let Some(meeting) = &mut self.meeting else {
+            bodies
+                .par_iter_mut()
+                .filter(|body| body.stopped.is_none())
+                .for_each(|body| step_body(body, steps, dt, frame, thickness));
+            return;
+        };
+        if bodies.iter().all(|body| body.stopped.is_some()) {
+            return;
+        }
+        if let Some(first) = steps.first() {
+            meeting.begin_frame(&positions(bodies), first);
+        }
+        for placed in steps {
+            step(meeting, bodies, placed, dt, frame);
+        }
+        for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
+            if let Some(particle) = body.torn() {
+                stop(
+                    body,
+                    frame,
+                    Broken {
+                        effect: DIVERGENCE,
+                        particle,
+                    },
+                );
+            }
+        }
+        if let Some(last) = steps.last() {
+            settle(meeting, bodies, last, dt, SETTLED * thickness);
+        }
+        meeting.note_gaps();
+        for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
+            body.good.clone_from(&body.system.particles);
+        }
+    }
+
+    /// The counts since the last call.
+    pub(super) fn take_certificate(&mut self) -> Certificate {
+        self.meeting
+            .as_mut()
+            .map_or(Certificate::default(), Meeting::take_certificate)
+    }
+}
+
+/// A step of all bodies of a group; those that stopped stand still.
+fn step(
+    meeting: &mut Meeting,
+    bodies: &mut [&mut Body],
+    placed: &[PosedObstacle],
+    dt: f64,
+    frame: usize,
+) {
+    meeting.begin_step(&positions(bodies), placed);
+    let iterations = bodies
+        .first()
+        .map_or(1, |body| body.system.settings.iterations);
+    moving(bodies).for_each(|body| body.system.begin_alone(placed, dt));
+    for _ in 0..iterations {
+        moving(bodies).for_each(|body| body.system.sweep_alone(placed, dt));
+        for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
+            // A number that is not finite would reach every neighbour.
+            if let Some(particle) = body.system.particles.first_non_finite() {
+                body.system.back_to_start();
+                let broken = body.step(placed, dt).err();
+                stop(
+                    body,
+                    frame,
+                    broken.unwrap_or(Broken {
+                        effect: "step",
+                        particle,
+                    }),
+                );
+            }
+        }
+        let begin = std::time::Instant::now();
+        meeting.respond(&mut positions_mut(bodies), placed);
+        note(bodies, begin);
+        project_volumes(meeting, bodies, placed, dt);
+    }
+    moving(bodies).for_each(|body| body.system.end_alone(placed, dt));
+    let mut velocities: Vec<&mut [Vector3<f64>]> = bodies
+        .iter_mut()
+        .map(|body| body.system.particles.velocity.as_mut_slice())
+        .collect();
+    meeting.end_step(&mut velocities, dt);
+}
+
+/// Projects the volumes and holds the certificate, until both are satisfied: vertices that the
+/// certificate took back do not move for the volume.
+fn project_volumes(
+    meeting: &mut Meeting,
+    bodies: &mut [&mut Body],
+    placed: &[PosedObstacle],
+    dt: f64,
+) {
+    let mut frozen: Vec<Vec<u32>> = vec![Vec::new(); bodies.len()];
+    for round in 0..VOLUME_ROUNDS {
+        let blocked: Vec<Vec<_>> = (0..bodies.len())
+            .map(|k| meeting.blocked(k).collect())
+            .collect();
+        bodies
+            .par_iter_mut()
+            .zip(&frozen)
+            .zip(&blocked)
+            .enumerate()
+            .filter(|(k, ((body, _), _))| {
+                body.stopped.is_none() && (round == 0 || !frozen[*k].is_empty())
+            })
+            .for_each(|(_, ((body, frozen), blocked))| {
+                body.system.project_volume(dt, blocked, frozen)
+            });
+        let begin = std::time::Instant::now();
+        let changed = meeting.hold(&mut positions_mut(bodies), placed);
+        note(bodies, begin);
+        if changed.iter().all(Vec::is_empty) {
+            return;
+        }
+        for (frozen, changed) in frozen.iter_mut().zip(changed) {
+            frozen.extend(changed);
+            frozen.sort_unstable();
+            frozen.dedup();
+        }
+    }
+}
+
+/// After the last step of a frame: repeats contact and volume, with new queries, until both are
+/// satisfied.
+fn settle(
+    meeting: &mut Meeting,
+    bodies: &mut [&mut Body],
+    placed: &[PosedObstacle],
+    dt: f64,
+    depth: f64,
+) {
+    let still: Vec<PosedObstacle> = placed
+        .iter()
+        .map(|p| PosedObstacle {
+            before: p.now,
+            ..p.clone()
+        })
+        .collect();
+    for _ in 0..SETTLING {
+        meeting.begin_step(&positions(bodies), &still);
+        moving(bodies).for_each(|body| body.system.settle_contact(&still));
+        meeting.respond(&mut positions_mut(bodies), &still);
+        project_volumes(meeting, bodies, &still, dt);
+        let clear: Vec<bool> = bodies
+            .par_iter_mut()
+            .map(|body| body.stopped.is_some() || body.system.is_settled(&still, depth))
+            .collect();
+        if clear.into_iter().all(|clear| clear) {
+            return;
+        }
+    }
+}
+
+fn moving<'a, 'b>(
+    bodies: &'a mut [&'b mut Body],
+) -> impl ParallelIterator<Item = &'a mut &'b mut Body> {
+    bodies.par_iter_mut().filter(|body| body.stopped.is_none())
+}
+
+fn positions<'a>(bodies: &'a [&mut Body]) -> Vec<&'a [Point3<f64>]> {
+    bodies
+        .iter()
+        .map(|body| body.system.particles.position.as_slice())
+        .collect()
+}
+
+fn positions_mut<'a>(bodies: &'a mut [&mut Body]) -> Vec<&'a mut [Point3<f64>]> {
+    bodies
+        .iter_mut()
+        .map(|body| body.system.particles.position.as_mut_slice())
+        .collect()
+}
+
+/// The time of a group is noted for its first body.
+fn note(bodies: &mut [&mut Body], begin: std::time::Instant) {
+    if let Some(body) = bodies.first_mut() {
+        body.system.clock.note("contact", begin);
+    }
+}
+
+fn stop(body: &mut Body, frame: usize, broken: Broken) {
+    body.system.particles = body.good.clone();
+    body.stopped = Some((frame, broken));
+}
