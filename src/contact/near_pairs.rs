@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
-use super::gap::{Gap, Parts, gap};
+use super::gap::{Gap, Parts, Within, gap_within};
 use super::surface::Surface;
 use crate::mesh::measures::Aabb;
 
@@ -126,18 +126,20 @@ fn search(
         let q = other.pose.map_or(q, |pose| q.map(|q| pose * q));
         let theirs = other.surface.triangles()[u as usize];
         let mut add = |parts, corners: [u32; 4], x: [Point3<f64>; 4], in_order| {
-            if is_farther(parts, &x, reach) || (itself && is_joined(parts, &corners)) {
+            if (itself && is_joined(parts, &corners)) || is_farther(parts, &x, reach) {
                 return;
             }
-            let gap = gap(parts, &x);
-            if gap.is_none_or(|gap| gap.height < reach) {
-                found.push(NearPair {
-                    parts,
-                    corners,
-                    in_order,
-                    gap,
-                });
-            }
+            let gap = match gap_within(parts, &x, reach) {
+                Within::Farther => return,
+                Within::Near(gap) => Some(gap),
+                Within::Touching => None,
+            };
+            found.push(NearPair {
+                parts,
+                corners,
+                in_order,
+                gap,
+            });
         };
         for k in 0..3 {
             if one.owned.corner(t, k) {

@@ -205,6 +205,7 @@ impl Simulation {
                 group.compute(&mut bodies, &steps, dt, frame, thickness);
             });
         for group in &mut self.groups {
+            group.debug();
             self.certificate.add(&group.take_certificate());
         }
         self.placed = steps.into_iter().next_back().unwrap_or_default();
