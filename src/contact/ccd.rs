@@ -10,17 +10,14 @@
 //! Rounding. Let L be the greatest coordinate at start and end. Corners at a time between are off
 //! by at most 2.5 eps L in a component, heights by 9 eps L for that reason and by 14 eps L of their
 //! own, approaches by 17 eps L, the next time by 8 eps L over the speed: less than 48 eps L in the
-//! height. The height that is left after an advance is at least a tenth of 1024 eps L. So it is
-//! positive in real numbers, and a way on which the parts touch is never called free.
+//! height. The height that is left after an advance is at least 64 eps L. So it is positive in real
+//! numbers, and a way on which the parts touch is never called free.
 
 use nalgebra::{Point3, Vector3};
 
 use super::gap::{Gap, Parts, ROUNDING, gap_above, largest};
 
-/// Smallest tolerance, in roundings of a height.
-const NEAR: f64 = 16.0;
-
-/// The share of a height that an advance leaves.
+/// The share of a height that an advance leaves, unless it is below rounding.
 const LEFT: f64 = 0.1;
 
 /// Greatest number of advances.
@@ -53,9 +50,9 @@ impl Impact {
 /// along straight ways from `start` to `end` \[m\] in common time.
 ///
 /// Certified: parts that touch or cross at any time, however briefly, are never called free, and
-/// no time of contact is before the one returned. A tolerance below 1024 eps of the greatest
-/// coordinate is replaced by that bound, because rounding hides smaller gaps. Parts may be
-/// degenerate: edges without length, triangles without area.
+/// no time of contact is before the one returned. A tolerance below 1000 eps of the greatest
+/// coordinate means that bound, because rounding hides smaller gaps. Parts may be degenerate: edges
+/// without length, triangles without area.
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
@@ -115,14 +112,16 @@ pub fn advance(
     }
     // Numbers near the smallest one have no relative rounding: they count as touching.
     let smallest = f64::MIN_POSITIVE / f64::EPSILON / f64::EPSILON;
-    let near = (NEAR * by.rounding * size).max(smallest).max(tolerance);
+    let least = (by.rounding * size).max(smallest);
+    let near = (2.0 * least).max(tolerance);
     let motion: [Vector3<f64>; 4] = std::array::from_fn(|k| end[k] - start[k]);
     let (mut time, mut x) = (0.0, *start);
     for advances in 1..=ADVANCES {
         let Some(gap) = gap_above(parts, &x, near) else {
             return (Impact::Near(time), advances);
         };
-        match free_for(parts, &x, &motion, &gap, by.left * gap.height) {
+        let left = (by.left * gap.height).max(by.left.signum() * least);
+        match free_for(parts, &x, &motion, &gap, left) {
             Some(further) if time + further < 1.0 => time += further,
             _ => return (Impact::Free, advances),
         }

@@ -91,7 +91,7 @@ pub fn gap(parts: Parts, x: &[Point3<f64>; 4]) -> Option<Gap> {
     gap_above(parts, x, ROUNDING * largest(x))
 }
 
-/// The gap of a pair; `None` if it is not above `least` [m].
+/// The gap of a pair; `None` if it is not above `least` [m], which is at least rounding.
 #[inline]
 pub(super) fn gap_above(parts: Parts, x: &[Point3<f64>; 4], least: f64) -> Option<Gap> {
     let (weights, inner) = match parts {
@@ -100,9 +100,13 @@ pub(super) fn gap_above(parts: Parts, x: &[Point3<f64>; 4], least: f64) -> Optio
     };
     let away = difference(x, &weights);
     let squared = away.norm_squared();
+    let distance = squared.sqrt();
+    // No height exceeds the distance of two points of the parts, but for rounding.
+    if distance < 0.5 * least {
+        return None;
+    }
     // A square below this one has lost digits.
     if squared > f64::MIN_POSITIVE / f64::EPSILON {
-        let distance = squared.sqrt();
         let normal = away / distance;
         let height = height(parts, x, &normal);
         if height >= SHARP * distance {
@@ -114,7 +118,7 @@ pub(super) fn gap_above(parts: Parts, x: &[Point3<f64>; 4], least: f64) -> Optio
             });
         }
     }
-    by_features(parts, x, (weights, inner)).filter(|gap| gap.height > least)
+    by_features(parts, x, (weights, inner), SHARP * distance).filter(|gap| gap.height > least)
 }
 
 /// Difference of two weighted means, the sum of the weights being zero.
@@ -197,12 +201,13 @@ fn along(p: &Point3<f64>, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
 
 /// The best of the normals that any two features of the parts define. The difference of two points
 /// that nearly touch is mostly rounding; each of these normals is perpendicular to the edges that
-/// it belongs to.
+/// it belongs to. The first one above `enough` [m] is taken.
 #[cold]
 fn by_features(
     parts: Parts,
     x: &[Point3<f64>; 4],
     (weights, inner): ([f64; 4], bool),
+    enough: f64,
 ) -> Option<Gap> {
     let mut best: Option<Gap> = None;
     let (d, e) = match parts {
@@ -212,6 +217,9 @@ fn by_features(
     if let Some(normal) = across(d.cross(&e), &d, &e) {
         better(&mut best, parts, x, normal, (weights, inner));
         better(&mut best, parts, x, -normal, (weights, inner));
+        if best.is_some_and(|best| best.height >= enough) {
+            return best;
+        }
     }
     // Pairs of a vertex and an edge, and the corner from which their difference is computed.
     let pairs = match parts {

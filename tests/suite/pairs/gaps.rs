@@ -103,7 +103,7 @@ fn a_narrow_slab_between_the_parts_is_found() {
             assert!(found.height <= distance(parts, &x) + 64.0 * size);
             // Control: parts that come from both sides to the same plane have no gap, or have one
             // beside each other.
-            let x = at_slab(&mut draw, parts, -width, &offset);
+            let x = at_slab(&mut draw, parts, 0.0, &offset);
             match gap(parts, &x) {
                 None => touching += 1,
                 Some(found) => assert!(separates(parts, &x, &found.normal)),

