@@ -3,6 +3,9 @@
 //! and error of each method, and the remaining penetration after each response for vertices in the
 //! bone.
 //!
+//! Before them: the time of the gap, the truncated step and the time of impact of one pair of a
+//! vertex and a triangle, or of two edges.
+//!
 //! The data are rebuilt from the description: two spheres by latitude and longitude, and with
 //! `PLIANT_DATA` the gluteus maximus before hip bone and femur. `--test` runs everything on small
 //! spheres.
@@ -10,14 +13,16 @@
 mod measured;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::hint::black_box;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use measured::{key, note, quick};
 use nalgebra::{Point3, Vector3};
 use peak_alloc::PeakAlloc;
-use pliant::contact::{Obstacle, Surface};
+use pliant::contact::{Impact, Obstacle, Parts, Surface, gap, time_of_impact, truncate};
 use pliant::mesh::{Inside, Topology, TriangleMesh};
+use pliant::testing::Draw;
 use pliant::testing::internals::contact::broad_phase::{BitGrid, Fill, METHODS, Searched};
 use pliant::testing::internals::contact::{Length, PenetrationResponse};
 
@@ -509,7 +514,102 @@ fn measured(data: &std::path::Path) -> Task {
     )
 }
 
+/// A drawn pair and its wanted ends: parts of size 1 whose middles are up to two sizes apart and approach.
+struct Drawn {
+    parts: Parts,
+    start: [Point3<f64>; 4],
+    wanted: [Point3<f64>; 4],
+}
+
+fn drawn(draw: &mut Draw) -> Drawn {
+    let parts = [Parts::VertexTriangle, Parts::EdgeEdge][draw.index(2)];
+    let apart = draw.direction() * draw.between(0.0, 2.0);
+    let start: [Point3<f64>; 4] = std::array::from_fn(|k| {
+        let place = Point3::from(draw.direction() * draw.between(0.0, 1.0));
+        if k < parts.first() {
+            place + apart
+        } else {
+            place
+        }
+    });
+    let towards = apart * draw.between(0.0, 1.0);
+    let wanted = std::array::from_fn(|k| {
+        let own = start[k] + draw.direction() * draw.between(0.0, 0.5);
+        if k < parts.first() {
+            own - towards
+        } else {
+            own
+        }
+    });
+    Drawn {
+        parts,
+        start,
+        wanted,
+    }
+}
+
+/// Median time of a call [ns].
+fn each<T>(pairs: &[Drawn], rounds: usize, mut call: impl FnMut(&Drawn) -> T) -> f64 {
+    let mut times: Vec<f64> = (0..rounds)
+        .map(|_| {
+            let all =
+                measured::seconds(|| pairs.iter().for_each(|pair| drop(black_box(call(pair)))));
+            all * 1e9 / pairs.len() as f64
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[rounds / 2]
+}
+
+/// Gap, truncated step and time of impact of single pairs.
+fn single_pairs(count: usize, rounds: usize) {
+    let mut draw = Draw::new(1);
+    let pairs: Vec<Drawn> = (0..count).map(|_| drawn(&mut draw)).collect();
+    let (mut apart, mut cut, mut met) = (0, 0, 0);
+    for Drawn {
+        parts,
+        start,
+        wanted,
+    } in &pairs
+    {
+        let step = truncate(*parts, start, wanted, [false; 4]);
+        let impact = time_of_impact(*parts, start, wanted, 1e-6);
+        match gap(*parts, start) {
+            Some(_) => {
+                apart += 1;
+                cut += usize::from(!step.kept);
+                let after = time_of_impact(*parts, start, &step.ends, 0.0);
+                assert_eq!(after, Impact::Free, "a truncated step is free");
+            }
+            None => assert!(step.normal.is_none() && impact == Impact::Near(0.0)),
+        }
+        met += usize::from(impact != Impact::Free);
+        assert!(
+            impact == Impact::Free || !step.kept,
+            "a step through a part is cut"
+        );
+    }
+    assert!(apart > count / 2 && cut > count / 50 && met > count / 50);
+    let times = [
+        each(&pairs, rounds, |pair| gap(pair.parts, &pair.start)),
+        each(&pairs, rounds, |pair| {
+            truncate(pair.parts, &pair.start, &pair.wanted, [false; 4])
+        }),
+        each(&pairs, rounds, |pair| {
+            time_of_impact(pair.parts, &pair.start, &pair.wanted, 1e-6)
+        }),
+    ];
+    note(
+        "contact.single",
+        format!("{count} pairs: {apart} apart, {cut} steps cut, {met} meet"),
+    );
+    for (name, time) in ["gap", "truncate", "time-of-impact"].into_iter().zip(times) {
+        note(&format!("contact.single.{name}"), format!("{time:.0} ns"));
+    }
+}
+
 fn main() {
+    single_pairs(4096, if quick() { 3 } else { 200 });
     if quick() {
         let task = artificial([12, 10], [30, 28]);
         compare(&task, 48, Duration::from_millis(60));

@@ -6,11 +6,19 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::nearest::{on_triangle, point_at};
+use super::nearest::{Feature, on_triangle, point_at};
 
 /// Rounding of a difference of heights, relative to the greatest coordinate. A gap below it has no
 /// certain sign.
+///
+/// A height is a difference of two corners (a rounding of twice the greatest coordinate in each
+/// component) times a unit vector (a product and two sums): at most 7 eps of the greatest
+/// coordinate, and the difference of two heights at most 18 eps. The rest allows for corners that
+/// are themselves places on a way, rounded (9 eps), and for normals that are not quite of length 1.
 pub(crate) const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
+/// The share of a distance that a separating normal must show. Below it, all normals are tried.
+const SHARP: f64 = 0.999;
 
 /// The parts of a pair: the first ones of its four corners are the first part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -53,54 +61,64 @@ pub fn height(parts: Parts, x: &[Point3<f64>; 4], normal: &Vector3<f64>) -> f64 
     // Heights over one of the corners: a translation changes less.
     let [a, b, c] = [x[1], x[2], x[3]].map(|p| (p - x[0]).dot(normal));
     match parts {
-        Parts::VertexTriangle => -max3(a, b, c),
-        Parts::EdgeEdge => a.min(0.0) - max2(b, c),
+        Parts::VertexTriangle => -max2(max2(a, b), c),
+        Parts::EdgeEdge => -max2(-a, 0.0) - max2(b, c),
     }
 }
 
 /// The greater of two numbers; NaN if one is NaN, which `f64::max` would hide.
 #[inline]
-fn max2(a: f64, b: f64) -> f64 {
+pub(super) fn max2(a: f64, b: f64) -> f64 {
     if a > b || a.is_nan() { a } else { b }
 }
 
-#[inline]
-fn max3(a: f64, b: f64, c: f64) -> f64 {
-    max2(max2(a, b), c)
+/// The gap of a pair; `None` if no normal separates its parts by more than rounding, as for parts
+/// that touch or cross, and for coordinates that are not finite.
+///
+/// Parts that are apart by more than 1000 eps of the greatest coordinate have a gap, and its height
+/// is their distance but for a thousandth.
+///
+/// ```
+/// use nalgebra::Point3;
+/// use pliant::contact::{Parts, gap};
+///
+/// // A vertex 1 mm over a triangle.
+/// let x = [[0.2, 0.2, 1e-3], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
+/// let found = gap(Parts::VertexTriangle, &x).map(|gap| (gap.height, gap.normal.z));
+/// assert_eq!(found, Some((1e-3, 1.0)));
+/// ```
+pub fn gap(parts: Parts, x: &[Point3<f64>; 4]) -> Option<Gap> {
+    gap_above(parts, x, ROUNDING * largest(x))
 }
 
-/// The gap of a pair; `None` if no normal separates its parts by more than rounding, as for parts
-/// that touch.
-pub fn gap(parts: Parts, x: &[Point3<f64>; 4]) -> Option<Gap> {
+/// The gap of a pair; `None` if it is not above `least` [m], which is at least rounding.
+#[inline]
+pub(super) fn gap_above(parts: Parts, x: &[Point3<f64>; 4], least: f64) -> Option<Gap> {
     let (weights, inner) = match parts {
         Parts::VertexTriangle => vertex_triangle(x),
         Parts::EdgeEdge => edge_edge(x),
     };
     let away = difference(x, &weights);
-    let distance = away.norm();
-    let least = ROUNDING * largest(x);
-    let mut best = Gap {
-        height: f64::NEG_INFINITY,
-        normal: away / distance,
-        weights,
-        inner,
-    };
-    if distance > 0.0 {
-        best.height = height(parts, x, &best.normal);
+    let squared = away.norm_squared();
+    let distance = squared.sqrt();
+    // No height exceeds the distance of two points of the parts, but for rounding.
+    if distance < 0.5 * least {
+        return None;
     }
-    // Nearly touching parts: the difference of the closest points is mostly rounding, and the
-    // normal of the triangle or of both edges is better.
-    if !(best.height >= 0.999 * distance) || !(distance > 1e-6 * size(x)) {
-        if let Some(normal) = common_normal(parts, x) {
-            let heights = [normal, -normal].map(|normal| (height(parts, x, &normal), normal));
-            for (height, normal) in heights {
-                if height > best.height || best.height.is_nan() {
-                    (best.height, best.normal) = (height, normal);
-                }
-            }
+    // A square below this one has lost digits.
+    if squared > f64::MIN_POSITIVE / f64::EPSILON {
+        let normal = away / distance;
+        let height = height(parts, x, &normal);
+        if height >= SHARP * distance {
+            return (height > least).then_some(Gap {
+                height,
+                normal,
+                weights,
+                inner,
+            });
         }
     }
-    (best.height > least).then_some(best)
+    by_features(parts, x, (weights, inner), SHARP * distance).filter(|gap| gap.height > least)
 }
 
 /// Difference of two weighted means, the sum of the weights being zero.
@@ -109,78 +127,162 @@ pub fn difference(x: &[Point3<f64>; 4], weights: &[f64; 4]) -> Vector3<f64> {
     (x[1] - x[0]) * weights[1] + (x[2] - x[0]) * weights[2] + (x[3] - x[0]) * weights[3]
 }
 
-/// The greatest coordinate [m].
-fn largest(x: &[Point3<f64>; 4]) -> f64 {
-    x.iter().fold(0.0, |most, p| max2(most, p.coords.amax()))
-}
-
-/// The extent of the corners [m].
-fn size(x: &[Point3<f64>; 4]) -> f64 {
-    max3(
-        (x[1] - x[0]).norm(),
-        (x[2] - x[0]).norm(),
-        (x[3] - x[0]).norm(),
-    )
+/// The greatest coordinate [m]. Coordinates that are not numbers are left out: heights show them.
+#[inline]
+pub(super) fn largest(x: &[Point3<f64>; 4]) -> f64 {
+    let [a, b, c, d] = x.map(|p| p.coords.abs());
+    a.sup(&b).sup(&c.sup(&d)).max()
 }
 
 fn vertex_triangle(x: &[Point3<f64>; 4]) -> ([f64; 4], bool) {
     let ([a, b, c], feature) = on_triangle(&x[0], &[x[1], x[2], x[3]]);
-    (
-        [1.0, -a, -b, -c],
-        matches!(feature, super::nearest::Feature::Face),
-    )
+    ([1.0, -a, -b, -c], feature == Feature::Face)
 }
 
-/// Weights of the closest points of two segments. Either the closest points lie inside of both, or
-/// one of them is an end, so that the nearest end decides where the first case gives nothing.
+/// Weights of the closest points of two segments \[ericson2005\].
 fn edge_edge(x: &[Point3<f64>; 4]) -> ([f64; 4], bool) {
     let (d, e, r) = (x[1] - x[0], x[3] - x[2], x[0] - x[2]);
     let (dd, ee, de) = (d.norm_squared(), e.norm_squared(), d.dot(&e));
+    let (dr, er) = (d.dot(&r), e.dot(&r));
     let determinant = dd * ee - de * de;
-    if determinant > 1e-12 * dd * ee {
-        let (dr, er) = (d.dot(&r), e.dot(&r));
-        let (u, w) = (
-            (de * er - ee * dr) / determinant,
-            (dd * er - de * dr) / determinant,
-        );
-        if u > 0.0 && u < 1.0 && w > 0.0 && w < 1.0 {
-            return ([1.0 - u, u, w - 1.0, -w], true);
-        }
+    if !(determinant > 1e-12 * dd * ee) {
+        return nearest_end(x);
     }
+    let mut u = ((de * er - dr * ee) / determinant).clamp(0.0, 1.0);
+    let mut w = (de * u + er) / ee;
+    // The closest point of the line lies beyond an end of the second edge.
+    if !(w > 0.0 && w < 1.0) {
+        w = if w > 0.5 { 1.0 } else { 0.0 };
+        u = ((de * w - dr) / dd).clamp(0.0, 1.0);
+    }
+    let inner = u > 0.0 && u < 1.0 && w > 0.0 && w < 1.0;
+    ([1.0 - u, u, w - 1.0, -w], inner)
+}
+
+/// The same for parallel edges and for edges without length: one of the closest points is an end.
+#[cold]
+fn nearest_end(x: &[Point3<f64>; 4]) -> ([f64; 4], bool) {
     let mut best = (f64::INFINITY, [1.0, 0.0, -1.0, 0.0]);
-    let mut consider = |weights: [f64; 4]| {
+    for end in 0..4 {
+        let weights = end_weights(x, end);
         let squared = difference(x, &weights).norm_squared();
         if squared < best.0 {
             best = (squared, weights);
         }
-    };
-    for (end, weights) in [(x[0], [1.0, 0.0]), (x[1], [0.0, 1.0])] {
-        let w = along(&end, &x[2], &e, ee);
-        consider([weights[0], weights[1], w - 1.0, -w]);
-    }
-    for (end, weights) in [(x[2], [-1.0, 0.0]), (x[3], [0.0, -1.0])] {
-        let u = along(&end, &x[0], &d, dd);
-        consider([1.0 - u, u, weights[0], weights[1]]);
     }
     (best.1, false)
 }
 
+/// Weights of an end of one edge and of the point of the other edge nearest to it.
+fn end_weights(x: &[Point3<f64>; 4], end: usize) -> [f64; 4] {
+    if end < 2 {
+        let w = along(&x[end], &x[2], &x[3]);
+        let mut weights = [0.0, 0.0, w - 1.0, -w];
+        weights[end] = 1.0;
+        weights
+    } else {
+        let u = along(&x[end], &x[0], &x[1]);
+        let mut weights = [1.0 - u, u, 0.0, 0.0];
+        weights[end] = -1.0;
+        weights
+    }
+}
+
 /// Place of the point of a segment nearest to `p`, from 0 to 1.
-fn along(p: &Point3<f64>, from: &Point3<f64>, d: &Vector3<f64>, squared: f64) -> f64 {
+fn along(p: &Point3<f64>, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
+    let d = to - from;
+    let squared = d.norm_squared();
     if squared > 0.0 {
-        ((p - from).dot(d) / squared).clamp(0.0, 1.0)
+        ((p - from).dot(&d) / squared).clamp(0.0, 1.0)
     } else {
         0.0
     }
 }
 
-/// The normal of the triangle, or of both edges.
-fn common_normal(parts: Parts, x: &[Point3<f64>; 4]) -> Option<Vector3<f64>> {
-    let normal = match parts {
-        Parts::VertexTriangle => (x[2] - x[1]).cross(&(x[3] - x[1])),
-        Parts::EdgeEdge => (x[1] - x[0]).cross(&(x[3] - x[2])),
+/// The best of the normals that any two features of the parts define. The difference of two points
+/// that nearly touch is mostly rounding; each of these normals is perpendicular to the edges that
+/// it belongs to. The first one above `enough` [m] is taken.
+#[cold]
+fn by_features(
+    parts: Parts,
+    x: &[Point3<f64>; 4],
+    (weights, inner): ([f64; 4], bool),
+    enough: f64,
+) -> Option<Gap> {
+    let mut best: Option<Gap> = None;
+    let (d, e) = match parts {
+        Parts::VertexTriangle => (x[2] - x[1], x[3] - x[1]),
+        Parts::EdgeEdge => (x[1] - x[0], x[3] - x[2]),
     };
-    normal.try_normalize(0.0)
+    if let Some(normal) = across(d.cross(&e), &d, &e) {
+        better(&mut best, parts, x, normal, (weights, inner));
+        better(&mut best, parts, x, -normal, (weights, inner));
+        if best.is_some_and(|best| best.height >= enough) {
+            return best;
+        }
+    }
+    // Pairs of a vertex and an edge, and the corner from which their difference is computed.
+    let pairs = match parts {
+        Parts::VertexTriangle => [(0, 1, 2), (0, 2, 3), (0, 3, 1)].as_slice(),
+        Parts::EdgeEdge => [(0, 2, 3), (1, 2, 3), (2, 0, 1), (3, 0, 1)].as_slice(),
+    };
+    for &(vertex, from, to) in pairs {
+        let side = if vertex < parts.first() { 1.0 } else { -1.0 };
+        let (edge, w) = (x[to] - x[from], along(&x[vertex], &x[from], &x[to]));
+        let mut weights = [0.0; 4];
+        weights[vertex] = side;
+        (weights[from], weights[to]) = (side * (w - 1.0), -side * w);
+        for near in [from, to] {
+            let away = (x[vertex] - x[near]) * side;
+            if let Some(normal) = unit(&away) {
+                better(&mut best, parts, x, normal, (weights, false));
+            }
+            if let Some(normal) = across(away, &edge, &edge) {
+                better(&mut best, parts, x, normal, (weights, false));
+            }
+        }
+    }
+    best
+}
+
+/// Replaces the best gap by the one of a normal if it is higher.
+fn better(
+    best: &mut Option<Gap>,
+    parts: Parts,
+    x: &[Point3<f64>; 4],
+    normal: Vector3<f64>,
+    (weights, inner): ([f64; 4], bool),
+) {
+    let height = height(parts, x, &normal);
+    if best.is_none_or(|best| height > best.height) {
+        *best = Some(Gap {
+            height,
+            normal,
+            weights,
+            inner,
+        });
+    }
+}
+
+/// The unit vector along the part of `v` that is perpendicular to two edges, to rounding even if
+/// that part is small or the edges are nearly parallel.
+fn across(v: Vector3<f64>, first: &Vector3<f64>, second: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let mut v = unit(&v)?;
+    let a = unit(first).unwrap_or_default();
+    let b = unit(&(second - a * a.dot(second))).filter(|_| second != first);
+    let b = b.unwrap_or_default();
+    for _ in 0..3 {
+        v = unit(&(v - a * a.dot(&v) - b * b.dot(&v)))?;
+    }
+    Some(v)
+}
+
+/// The unit vector along `v`, whose squares may be too small or too large for a number.
+fn unit(v: &Vector3<f64>) -> Option<Vector3<f64>> {
+    let scale = v.amax();
+    (scale > 0.0 && scale < f64::INFINITY)
+        .then(|| (v / scale).try_normalize(0.0))
+        .flatten()
 }
 
 /// The closest point of the second part [m].

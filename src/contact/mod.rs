@@ -44,6 +44,7 @@ mod active_normals;
 #[cfg(feature = "contact")]
 pub(crate) mod broad_phase;
 pub(crate) mod capsule;
+pub(crate) mod ccd;
 mod faces;
 pub(crate) mod gap;
 #[cfg(feature = "contact")]
@@ -66,6 +67,7 @@ pub(crate) mod smooth;
 pub(crate) mod surface;
 #[cfg(feature = "contact")]
 mod triangles;
+mod truncation;
 #[cfg(feature = "contact")]
 pub(crate) mod untangle;
 #[cfg(feature = "contact")]
@@ -78,9 +80,11 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+pub use ccd::{Impact, time_of_impact};
 pub(crate) use faces::OnTriangle;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use faces::pseudo_normal;
+pub use gap::{Gap, Parts, gap};
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use nearest::on_triangle;
 pub use plane::ContactPlane;
@@ -89,6 +93,7 @@ pub use response::Contacts;
 pub(crate) use response::Counts;
 #[cfg(feature = "contact")]
 pub use surface::Surface;
+pub use truncation::{Truncation, truncate};
 
 use crate::mesh::measures::Aabb;
 

@@ -19,7 +19,8 @@ pub mod constraints {
 
 /// Internals of `contact`.
 pub mod contact {
-    pub use crate::contact::gap::{Gap, Parts, difference, gap, height, lower};
+    pub use crate::contact::ccd::{Advance, advance};
+    pub use crate::contact::gap::{difference, height, lower};
     pub use crate::contact::penetration_response::{Length, PenetrationResponse};
     pub use crate::contact::response::Counts;
 

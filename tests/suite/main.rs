@@ -24,6 +24,7 @@ mod lattice;
 mod moment_arms;
 mod morph;
 mod oracles;
+mod pairs;
 mod scene;
 mod scenes;
 mod skin;
