@@ -99,6 +99,44 @@ pub(super) fn gap_above(parts: Parts, x: &[Point3<f64>; 4], least: f64) -> Optio
         Parts::EdgeEdge => edge_edge(x),
     };
     let away = difference(x, &weights);
+    from_closest(parts, x, (weights, inner), away, least)
+}
+
+/// What is known of a pair within a reach.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Within {
+    /// The parts are farther apart.
+    Farther,
+    /// The parts are apart.
+    Near(Gap),
+    /// No normal separates the parts by more than rounding.
+    Touching,
+}
+
+/// The same as [`gap`] for parts nearer than `reach` [m], and faster for others.
+#[inline]
+pub(super) fn gap_within(parts: Parts, x: &[Point3<f64>; 4], reach: f64) -> Within {
+    let (weights, inner) = match parts {
+        Parts::VertexTriangle => vertex_triangle(x),
+        Parts::EdgeEdge => edge_edge(x),
+    };
+    let away = difference(x, &weights);
+    if away.norm_squared() >= reach * reach {
+        return Within::Farther;
+    }
+    let least = ROUNDING * largest(x);
+    from_closest(parts, x, (weights, inner), away, least).map_or(Within::Touching, Within::Near)
+}
+
+/// The gap of a pair whose closest points differ by `away` [m].
+#[inline]
+fn from_closest(
+    parts: Parts,
+    x: &[Point3<f64>; 4],
+    (weights, inner): ([f64; 4], bool),
+    away: Vector3<f64>,
+    least: f64,
+) -> Option<Gap> {
     let squared = away.norm_squared();
     let distance = squared.sqrt();
     // No height exceeds the distance of two points of the parts, but for rounding.
