@@ -49,7 +49,7 @@ pub struct Truncation {
 /// let mut wanted = start;
 /// wanted[0] = Point3::new(0.22, 0.2, -9e-3);
 /// let step = truncate(Parts::VertexTriangle, &start, &wanted, [false, true, true, true]);
-/// assert!(step.ends[0].x == 0.22 && step.ends[0].z > 0.0 && !step.kept);
+/// assert!((step.ends[0].x - 0.22).abs() <= 1e-12 && step.ends[0].z > 0.0 && !step.kept);
 /// ```
 pub fn truncate(
     parts: Parts,
