@@ -84,8 +84,8 @@ pub(super) fn max2(a: f64, b: f64) -> f64 {
 ///
 /// // A vertex 1 mm over a triangle.
 /// let x = [[0.2, 0.2, 1e-3], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Point3::from);
-/// let found = gap(Parts::VertexTriangle, &x).map(|gap| (gap.height, gap.normal.z));
-/// assert_eq!(found, Some((1e-3, 1.0)));
+/// let found = gap(Parts::VertexTriangle, &x).expect("they do not touch");
+/// assert!((found.height - 1e-3).abs() <= 1e-12 && (found.normal.z - 1.0).abs() <= 1e-12);
 /// ```
 pub fn gap(parts: Parts, x: &[Point3<f64>; 4]) -> Option<Gap> {
     gap_above(parts, x, ROUNDING * largest(x))
@@ -156,7 +156,8 @@ fn from_closest(
             });
         }
     }
-    by_features(parts, x, (weights, inner), SHARP * distance).filter(|gap| gap.height > least)
+    let best = by_features(parts, x, (weights, inner), SHARP * distance);
+    (best.height > least).then_some(best)
 }
 
 /// Difference of two weighted means, the sum of the weights being zero.
@@ -237,68 +238,68 @@ fn along(p: &Point3<f64>, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
     }
 }
 
-/// The best of the normals that any two features of the parts define. The difference of two points
-/// that nearly touch is mostly rounding; each of these normals is perpendicular to the edges that
-/// it belongs to. The first one above `enough` [m] is taken.
+/// The best of the normals that any two features of the parts define, with the nearest of their
+/// points. The difference of two points that nearly touch is mostly rounding; each of these normals
+/// is perpendicular to the edges that it belongs to. The first one above `enough` [m] is taken.
 #[cold]
 fn by_features(
     parts: Parts,
     x: &[Point3<f64>; 4],
     (weights, inner): ([f64; 4], bool),
     enough: f64,
-) -> Option<Gap> {
-    let mut best: Option<Gap> = None;
+) -> Gap {
+    let mut best = Gap {
+        height: f64::NEG_INFINITY,
+        normal: Vector3::zeros(),
+        weights,
+        inner,
+    };
     let (d, e) = match parts {
         Parts::VertexTriangle => (x[2] - x[1], x[3] - x[1]),
         Parts::EdgeEdge => (x[1] - x[0], x[3] - x[2]),
     };
     if let Some(normal) = across(d.cross(&e), &d, &e) {
-        better(&mut best, parts, x, normal, (weights, inner));
-        better(&mut best, parts, x, -normal, (weights, inner));
-        if best.is_some_and(|best| best.height >= enough) {
+        best.turn(parts, x, normal);
+        best.turn(parts, x, -normal);
+        if best.height >= enough {
             return best;
         }
     }
-    // Pairs of a vertex and an edge, and the corner from which their difference is computed.
+    // Pairs of a vertex and an edge.
     let pairs = match parts {
         Parts::VertexTriangle => [(0, 1, 2), (0, 2, 3), (0, 3, 1)].as_slice(),
         Parts::EdgeEdge => [(0, 2, 3), (1, 2, 3), (2, 0, 1), (3, 0, 1)].as_slice(),
     };
+    // Not a number if the triangle has no area.
+    let mut squared = difference(x, &weights).norm_squared();
     for &(vertex, from, to) in pairs {
         let side = if vertex < parts.first() { 1.0 } else { -1.0 };
         let (edge, w) = (x[to] - x[from], along(&x[vertex], &x[from], &x[to]));
         let mut weights = [0.0; 4];
         weights[vertex] = side;
         (weights[from], weights[to]) = (side * (w - 1.0), -side * w);
+        let found = difference(x, &weights).norm_squared();
+        if !(found >= squared) {
+            (squared, best.weights, best.inner) = (found, weights, false);
+        }
         for near in [from, to] {
             let away = (x[vertex] - x[near]) * side;
-            if let Some(normal) = unit(&away) {
-                better(&mut best, parts, x, normal, (weights, false));
-            }
-            if let Some(normal) = across(away, &edge, &edge) {
-                better(&mut best, parts, x, normal, (weights, false));
+            let normals = [unit(&away), across(away, &edge, &edge)];
+            for normal in normals.into_iter().flatten() {
+                best.turn(parts, x, normal);
             }
         }
     }
     best
 }
 
-/// Replaces the best gap by the one of a normal if it is higher.
-fn better(
-    best: &mut Option<Gap>,
-    parts: Parts,
-    x: &[Point3<f64>; 4],
-    normal: Vector3<f64>,
-    (weights, inner): ([f64; 4], bool),
-) {
-    let height = height(parts, x, &normal);
-    if best.is_none_or(|best| height > best.height) {
-        *best = Some(Gap {
-            height,
-            normal,
-            weights,
-            inner,
-        });
+impl Gap {
+    /// Takes another normal if the gap is higher along it.
+    fn turn(&mut self, parts: Parts, x: &[Point3<f64>; 4], normal: Vector3<f64>) {
+        let height = height(parts, x, &normal);
+        if height > self.height {
+            (self.height, self.normal) = (height, normal);
+        }
     }
 }
 

@@ -7,7 +7,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::gap::{Parts, ROUNDING, gap, height, largest};
+use super::gap::{Gap, Parts, ROUNDING, gap, height, largest};
 
 /// Share of the height at the start that a step may leave without being cut.
 const LEFT: f64 = 0.1;
@@ -32,9 +32,9 @@ pub struct Truncation {
 /// Cuts the step of a pair from `start` to `wanted` \[m\], so that its parts stay apart on the
 /// straight ways of their corners (planar divide and truncate).
 ///
-/// `fixed` corners end where they want to; the others give way. The step is kept if the normal of
-/// the gap at the start still separates the parts at the end by at least a tenth of its height.
-/// Otherwise a division plane is placed between the parts, nearer to the part that approaches less,
+/// `fixed` corners end where they want to; the others give way. The step is kept if one normal
+/// separates the parts at both ends by at least a tenth of the gap at the start: the normal of that
+/// gap, that of the gap at the end, or their mean. Otherwise a division plane is placed between the parts, nearer to the part that approaches less,
 /// and corners that end beyond it, or nearer to it than a tenth of their distance at the start, are
 /// moved back along the normal. Motion along the plane is not cut.
 ///
@@ -49,7 +49,7 @@ pub struct Truncation {
 /// let mut wanted = start;
 /// wanted[0] = Point3::new(0.22, 0.2, -9e-3);
 /// let step = truncate(Parts::VertexTriangle, &start, &wanted, [false, true, true, true]);
-/// assert!(step.ends[0].x == 0.22 && step.ends[0].z > 0.0 && !step.kept);
+/// assert!((step.ends[0].x - 0.22).abs() <= 1e-12 && step.ends[0].z > 0.0 && !step.kept);
 /// ```
 pub fn truncate(
     parts: Parts,
@@ -72,6 +72,12 @@ pub fn truncate(
     if left >= LEFT * gap.height && left > least {
         return kept;
     }
+    if let Some(normal) = common(parts, start, wanted, &gap, least) {
+        return Truncation {
+            normal: Some(normal),
+            ..kept
+        };
+    }
     let ends = cut(parts, start, wanted, fixed, &normal);
     if height(parts, &ends, &normal) > least {
         return Truncation {
@@ -81,6 +87,25 @@ pub fn truncate(
         };
     }
     hold(start, wanted, fixed, Some(normal)).certified(parts, least)
+}
+
+/// A normal that separates the parts at both ends of a step: that of the gap at the end, or between
+/// those of both gaps.
+fn common(
+    parts: Parts,
+    start: &[Point3<f64>; 4],
+    wanted: &[Point3<f64>; 4],
+    before: &Gap,
+    least: f64,
+) -> Option<Vector3<f64>> {
+    let after = gap(parts, wanted)?;
+    let middle = (before.normal + after.normal).try_normalize(0.5)?;
+    [after.normal, middle].into_iter().find(|normal| {
+        let heights = [start, wanted].map(|x| height(parts, x, normal));
+        heights
+            .iter()
+            .all(|height| *height >= LEFT * before.height && *height > least)
+    })
 }
 
 impl Truncation {
