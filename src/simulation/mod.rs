@@ -20,6 +20,9 @@ pub(crate) mod springs;
 mod steer;
 
 pub use attachments::component;
+pub use audit::{
+    Audit, AuditSummary, AuditedPair, AuditedSurface, CrossingCounts, FrameAudit, PairSummary,
+};
 pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};
