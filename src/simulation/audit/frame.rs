@@ -51,6 +51,8 @@ pub struct CrossingCounts {
 pub struct AuditedPair {
     /// Names of the surfaces, equal for one surface with itself.
     pub surfaces: [String; 2],
+    /// True if the second surface is rigid.
+    pub with_rigid: bool,
     /// Number of pairs of triangles that cross.
     pub crossings: usize,
     /// Number of vertices of each surface inside the other one; in a rigid surface deeper than 0.01 mm.
@@ -99,9 +101,11 @@ pub struct FrameAudit {
 }
 
 /// Audits frames one after another. It keeps one hierarchy for each surface.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Audit {
     kept: BTreeMap<String, Kept>,
+    /// Length of the unit of positions [m].
+    unit: f64,
 }
 
 /// A surface as it was in its last frame.
@@ -255,10 +259,25 @@ enum Class {
     OneItself,
 }
 
+impl Default for Audit {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Audit {
-    /// An audit before its first frame.
+    /// An audit before its first frame; positions are in metres.
     pub fn new() -> Self {
-        Self::default()
+        Self::in_unit(1.0)
+    }
+
+    /// The same for positions in a `unit` of this length [m]. Positions are never scaled, because
+    /// that would round them; results are.
+    pub fn in_unit(unit: f64) -> Self {
+        Self {
+            kept: BTreeMap::new(),
+            unit,
+        }
     }
 
     /// Audits one frame. The first frame of a surface gives the volume with which later ones are
@@ -313,10 +332,13 @@ impl Audit {
             if i == j {
                 return of_itself(&examined[i]);
             }
-            of_two(&examined[i], &examined[j], kept[j].0)
+            of_two(&examined[i], &examined[j], kept[j].0, DEPTH / self.unit)
         };
         let found: Vec<Found> = pairs.par_iter().map(pair).collect();
-        found.into_iter().for_each(|found| result.add(found));
+        for mut found in found {
+            found.pair.scale(self.unit);
+            result.add(found);
+        }
         drop(examined);
         for (_, surface, kept) in kept {
             self.kept.insert(surface.name.to_owned(), kept);
@@ -374,12 +396,13 @@ fn of_itself(one: &Examined<'_>) -> Found {
     }
 }
 
-/// Two surfaces, the first one soft; `index` is that of the second in the list of surfaces.
-fn of_two(one: &Examined<'_>, other: &Examined<'_>, index: usize) -> Found {
+/// Two surfaces, the first one soft; `index` is that of the second in the list of surfaces. A vertex
+/// at a smaller depth than `touching` in a rigid surface is not inside it.
+fn of_two(one: &Examined<'_>, other: &Examined<'_>, index: usize, touching: f64) -> Found {
     let kept = [one.kept, other.kept];
     let listed = kept[0].triangles.len() + kept[1].triangles.len();
     let crossings = crossings_between(kept[0].crossed(), kept[1].crossed(), listed);
-    let deep = if other.surface.rigid { DEPTH } else { 0.0 };
+    let deep = if other.surface.rigid { touching } else { 0.0 };
     let swallowed = [
         inside_of(kept[0], other, deep),
         inside_of(kept[1], one, 0.0),
@@ -387,6 +410,7 @@ fn of_two(one: &Examined<'_>, other: &Examined<'_>, index: usize) -> Found {
     let depths = swallowed.iter().flatten().map(|(_, depth)| *depth);
     let mut pair = AuditedPair {
         surfaces: [one.surface.name, other.surface.name].map(str::to_owned),
+        with_rigid: other.surface.rigid,
         crossings: crossings.count,
         vertices_inside: [swallowed[0].len(), swallowed[1].len()],
         depth_m: max_or_nan(depths),
@@ -458,6 +482,13 @@ impl AuditedPair {
         let point = crossing_point(&kept[0].corners(s), &kept[1].corners(t));
         self.triangles = Some([s, t]);
         self.point_m = Some(point.into());
+    }
+
+    /// Brings lengths and volumes from units of this length [m] into metres.
+    fn scale(&mut self, unit: f64) {
+        self.depth_m *= unit;
+        self.shared_volume_m3 *= unit * unit * unit;
+        self.point_m = self.point_m.map(|p| p.map(|c| c * unit));
     }
 
     fn is_clean(&self) -> bool {

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use super::frame::{AuditedPair, CrossingCounts, FrameAudit};
 use crate::mesh::measures::max_or_nan;
+use crate::state::{DecodeError, Reader, Value, Writer};
 
 /// Result of the audit of several frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -175,6 +176,148 @@ impl CrossingCounts {
             soft_rigid: with(self.soft_rigid, other.soft_rigid),
             self_: with(self.self_, other.self_),
             all: with(self.all, other.all),
+        }
+    }
+}
+
+/// For a run that goes on from a checkpoint.
+impl Value for AuditSummary {
+    const MIN_BYTES: usize = 15 * 8 + 3;
+
+    fn encode(&self, to: &mut Writer) {
+        let Self {
+            frames,
+            crossings_max,
+            crossings_total,
+            crossings_held_max,
+            vertices_inside_bones_max,
+            bone_vertices_inside_max,
+            vertices_inside_muscles_max,
+            shared_volume_max_m3,
+            volume_error_max,
+            volume_error_at,
+            complete,
+            not_finite,
+            open,
+            flat_triangles_max,
+            pairs,
+        } = self;
+        to.put(&[
+            *frames,
+            *vertices_inside_bones_max,
+            *bone_vertices_inside_max,
+            *vertices_inside_muscles_max,
+            *flat_triangles_max,
+        ]);
+        to.put(&[crossings_max.numbers(), crossings_total.numbers()]);
+        to.put(crossings_held_max);
+        to.put(&[*shared_volume_max_m3, *volume_error_max]);
+        to.put(volume_error_at);
+        to.put(complete);
+        let not_finite = not_finite.clone();
+        to.put(&not_finite.map(|(name, vertex, frame)| (name, (vertex, frame))));
+        to.list(open);
+        to.list(pairs);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        let [
+            frames,
+            vertices_inside_bones_max,
+            bone_vertices_inside_max,
+            vertices_inside_muscles_max,
+            flat_triangles_max,
+        ] = from.take()?;
+        let [max, total] = from.take()?;
+        let crossings_held_max = from.take()?;
+        let [shared_volume_max_m3, volume_error_max] = from.take()?;
+        let volume_error_at = from.take()?;
+        let complete = from.take()?;
+        let not_finite: Option<(String, (usize, usize))> = from.take()?;
+        Ok(Self {
+            frames,
+            crossings_max: CrossingCounts::of_numbers(max),
+            crossings_total: CrossingCounts::of_numbers(total),
+            crossings_held_max,
+            vertices_inside_bones_max,
+            bone_vertices_inside_max,
+            vertices_inside_muscles_max,
+            shared_volume_max_m3,
+            volume_error_max,
+            volume_error_at,
+            complete,
+            not_finite: not_finite.map(|(name, (vertex, frame))| (name, vertex, frame)),
+            open: from.take()?,
+            flat_triangles_max,
+            pairs: from.take()?,
+        })
+    }
+}
+
+impl Value for PairSummary {
+    const MIN_BYTES: usize = 11 * 8 + 3;
+
+    fn encode(&self, to: &mut Writer) {
+        let Self {
+            frame,
+            frames,
+            crossings_total,
+            shared_volume_max_m3,
+            worst:
+                AuditedPair {
+                    surfaces,
+                    with_rigid,
+                    crossings,
+                    vertices_inside: [inside, swallowed],
+                    depth_m,
+                    shared_volume_m3,
+                    triangles,
+                    point_m,
+                },
+        } = self;
+        to.put(&[*frame, *frames, *crossings_total]);
+        to.put(&[*crossings, *inside, *swallowed]);
+        to.put(&[*shared_volume_max_m3, *depth_m, *shared_volume_m3]);
+        to.put(surfaces);
+        to.put(with_rigid);
+        to.put(triangles);
+        to.put(point_m);
+    }
+
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        let [frame, frames, crossings_total] = from.take()?;
+        let [crossings, inside, swallowed] = from.take()?;
+        let [shared_volume_max_m3, depth_m, shared_volume_m3] = from.take()?;
+        Ok(Self {
+            frame,
+            frames,
+            crossings_total,
+            shared_volume_max_m3,
+            worst: AuditedPair {
+                surfaces: from.take()?,
+                with_rigid: from.take()?,
+                crossings,
+                vertices_inside: [inside, swallowed],
+                depth_m,
+                shared_volume_m3,
+                triangles: from.take()?,
+                point_m: from.take()?,
+            },
+        })
+    }
+}
+
+impl CrossingCounts {
+    fn numbers(&self) -> [usize; 4] {
+        [self.soft_soft, self.soft_rigid, self.self_, self.all]
+    }
+
+    fn of_numbers([soft_soft, soft_rigid, self_, all]: [usize; 4]) -> Self {
+        Self {
+            soft_soft,
+            soft_rigid,
+            self_,
+            all,
         }
     }
 }
