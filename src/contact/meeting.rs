@@ -370,9 +370,13 @@ impl Meeting {
     /// Searches for all near pairs at the start of the step, with bones at the given pose.
     fn list(&mut self, placed: &[PosedObstacle], pose: impl Fn(&PosedObstacle) -> Isometry3<f64>) {
         let t0 = std::time::Instant::now();
+        // What bones move in a step cannot be taken back.
+        let step = self.bone_motion(placed, |placed| placed.before);
+        self.reach = self.base_reach.map(|reach| reach + 2.5 * step);
+        let wide = self.reach[0].max(self.reach[1]);
         for soft in &mut self.soft {
-            soft.surface
-                .refit(&self.start[soft.first..soft.first + soft.count]);
+            let x = &self.start[soft.first..soft.first + soft.count];
+            soft.surface.refit_wide(x, 0.5 * wide);
         }
         for &(rigid, vertex) in &self.slots {
             self.rigid[rigid as usize].number[vertex as usize] = u32::MAX;
@@ -383,9 +387,6 @@ impl Meeting {
         self.slots.clear();
         self.pairs.clear();
         self.rows.clear();
-        // What bones move in a step cannot be taken back.
-        let step = self.bone_motion(placed, |placed| placed.before);
-        self.reach = self.base_reach.map(|reach| reach + 2.5 * step);
         let side = |soft: usize| Side {
             surface: &self.soft[soft].surface,
             owned: &self.soft[soft].owned,

@@ -5,10 +5,9 @@ use rayon::prelude::*;
 
 use super::gap::{Gap, Parts, Within, gap_within};
 use super::surface::Surface;
-use crate::mesh::measures::Aabb;
 
-/// Number of triangles that a thread searches at once.
-const CHUNK: usize = 128;
+/// Number of pairs of triangles that a thread searches at once.
+const CHUNK: usize = 1024;
 
 /// The corners and edges that a triangle owns: each vertex and each edge of a surface belongs to
 /// one of its triangles, so that a search over pairs of triangles finds each pair once.
@@ -66,30 +65,22 @@ pub(super) struct NearPair {
 }
 
 /// Every pair of parts of two surfaces nearer than `reach` [m]; of a surface with itself if `other`
-/// is `None`, without the pairs that share a vertex. The order does not depend on the number of
-/// threads.
+/// is `None`, without the pairs that share a vertex. The boxes of soft surfaces are wider by half of
+/// the reach. The order does not depend on the number of threads.
 pub(super) fn near_pairs(one: &Side<'_>, other: Option<&Side<'_>>, reach: f64) -> Vec<NearPair> {
-    let count = one.surface.triangles().len();
-    let bounds = other.map(|other| {
-        let bounds = other.surface.root_box();
-        other
-            .pose
-            .map_or(bounds, |pose| bounds.transformed(pose))
-            .inflate(reach)
-    });
-    let chunks: Vec<Vec<NearPair>> = (0..count.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let (mut found, mut near) = (Vec::new(), Vec::new());
-            for t in chunk * CHUNK..((chunk + 1) * CHUNK).min(count) {
-                search(
-                    t as u32,
-                    [one, other.unwrap_or(one)],
-                    (other.is_none(), bounds),
-                    reach,
-                    &mut near,
-                    &mut found,
-                );
+    let meeting = match other {
+        None => one.surface.own_pairs(),
+        Some(other) => one
+            .surface
+            .pairs_with(other.surface, other.pose, 0.5 * reach),
+    };
+    let chunks: Vec<Vec<NearPair>> = meeting
+        .par_chunks(CHUNK)
+        .map(|triangles| {
+            let mut found = Vec::new();
+            for &pair in triangles {
+                let sides = [one, other.unwrap_or(one)];
+                search(pair, sides, other.is_none(), reach, &mut found);
             }
             found
         })
@@ -97,77 +88,61 @@ pub(super) fn near_pairs(one: &Side<'_>, other: Option<&Side<'_>>, reach: f64) -
     chunks.concat()
 }
 
-/// The pairs of the triangle `t` of the first side.
+/// The near pairs of a triangle of the first side and one of the other side.
 fn search(
-    t: u32,
+    [t, u]: [u32; 2],
     [one, other]: [&Side<'_>; 2],
-    (itself, bounds): (bool, Option<Aabb>),
+    itself: bool,
     reach: f64,
-    near: &mut Vec<u32>,
     found: &mut Vec<NearPair>,
 ) {
     let p = one.surface.corners(t);
-    let wide = Aabb::of_points(&p).inflate(reach);
-    if bounds.is_some_and(|bounds| !bounds.intersects(&wide)) {
-        return;
-    }
-    let local = match other.pose {
-        None => wide,
-        Some(pose) => Aabb::of_points(&p.map(|p| pose.inverse_transform_point(&p))).inflate(reach),
-    };
-    near.clear();
-    other.surface.meeting(&local, near);
     let mine = one.surface.triangles()[t as usize];
-    for &u in near.iter() {
-        if itself && u <= t {
-            continue;
+    let q = other.surface.corners(u);
+    let q = other.pose.map_or(q, |pose| q.map(|q| pose * q));
+    let theirs = other.surface.triangles()[u as usize];
+    let mut add = |parts, corners: [u32; 4], x: [Point3<f64>; 4], in_order| {
+        if (itself && is_joined(parts, &corners)) || is_farther(parts, &x, reach) {
+            return;
         }
-        let q = other.surface.corners(u);
-        let q = other.pose.map_or(q, |pose| q.map(|q| pose * q));
-        let theirs = other.surface.triangles()[u as usize];
-        let mut add = |parts, corners: [u32; 4], x: [Point3<f64>; 4], in_order| {
-            if (itself && is_joined(parts, &corners)) || is_farther(parts, &x, reach) {
-                return;
-            }
-            let gap = match gap_within(parts, &x, reach) {
-                Within::Farther => return,
-                Within::Near(gap) => Some(gap),
-                Within::Touching => None,
-            };
-            found.push(NearPair {
-                parts,
-                corners,
-                in_order,
-                gap,
-            });
+        let gap = match gap_within(parts, &x, reach) {
+            Within::Farther => return,
+            Within::Near(gap) => Some(gap),
+            Within::Touching => None,
         };
-        for k in 0..3 {
-            if one.owned.corner(t, k) {
-                let [a, b, c] = theirs;
-                add(
-                    Parts::VertexTriangle,
-                    [mine[k], a, b, c],
-                    [p[k], q[0], q[1], q[2]],
-                    true,
-                );
-            }
-            if other.owned.corner(u, k) {
-                let [a, b, c] = mine;
-                add(
-                    Parts::VertexTriangle,
-                    [theirs[k], a, b, c],
-                    [q[k], p[0], p[1], p[2]],
-                    false,
-                );
-            }
+        found.push(NearPair {
+            parts,
+            corners,
+            in_order,
+            gap,
+        });
+    };
+    for k in 0..3 {
+        if one.owned.corner(t, k) {
+            let [a, b, c] = theirs;
+            add(
+                Parts::VertexTriangle,
+                [mine[k], a, b, c],
+                [p[k], q[0], q[1], q[2]],
+                true,
+            );
         }
-        for k in (0..3).filter(|&k| one.owned.edge(t, k)) {
-            let l = (k + 1) % 3;
-            for m in (0..3).filter(|&m| other.owned.edge(u, m)) {
-                let n = (m + 1) % 3;
-                let corners = [mine[k], mine[l], theirs[m], theirs[n]];
-                add(Parts::EdgeEdge, corners, [p[k], p[l], q[m], q[n]], true);
-            }
+        if other.owned.corner(u, k) {
+            let [a, b, c] = mine;
+            add(
+                Parts::VertexTriangle,
+                [theirs[k], a, b, c],
+                [q[k], p[0], p[1], p[2]],
+                false,
+            );
+        }
+    }
+    for k in (0..3).filter(|&k| one.owned.edge(t, k)) {
+        let l = (k + 1) % 3;
+        for m in (0..3).filter(|&m| other.owned.edge(u, m)) {
+            let n = (m + 1) % 3;
+            let corners = [mine[k], mine[l], theirs[m], theirs[n]];
+            add(Parts::EdgeEdge, corners, [p[k], p[l], q[m], q[n]], true);
         }
     }
 }

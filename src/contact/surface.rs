@@ -1,9 +1,9 @@
 //! A triangle mesh with signed closest-point queries; the only file that uses parry.
 
-use nalgebra::{Point3, Vector3};
-use parry3d_f64::bounding_volume::Aabb as ParryAabb;
+use nalgebra::{Isometry3, Point3, Vector3};
+use parry3d_f64::bounding_volume::{Aabb as ParryAabb, BoundingVolume};
 use parry3d_f64::math::Vector as Glam;
-use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
+use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhNode, BvhWorkspace};
 use parry3d_f64::query::{PointQuery, Ray, RayCast};
 use parry3d_f64::shape::Triangle;
 
@@ -160,12 +160,59 @@ impl Surface {
         }
     }
 
-    /// Appends all triangles whose boxes meet `bounds`, ascending.
-    pub(super) fn meeting(&self, bounds: &Aabb, found: &mut Vec<u32>) {
-        let begin = found.len();
-        let bounds = ParryAabb::new(glam(&bounds.min), glam(&bounds.max));
-        found.extend(self.bvh.intersect_aabb(&bounds));
-        found[begin..].sort_unstable();
+    /// Sets new positions, with boxes that are wider by `margin` [m] on each side.
+    pub(super) fn refit_wide(&mut self, positions: &[Point3<f64>], margin: f64) {
+        self.faces.mesh.vertices.copy_from_slice(positions);
+        for t in 0..self.faces.mesh.triangles.len() {
+            let leaf = bounds(&self.faces.mesh.corners(t)).loosened(margin);
+            self.bvh.insert_or_update_partially(leaf, t as u32, 0.0);
+        }
+        self.bvh.refit(&mut self.workspace);
+    }
+
+    /// All pairs of triangles of this surface whose boxes meet, each once.
+    pub(super) fn own_pairs(&self) -> Vec<[u32; 2]> {
+        let mut found = Vec::new();
+        let mut workspace = BvhWorkspace::default();
+        let mut add = |a: u32, b: u32| found.push([a, b]);
+        self.bvh
+            .traverse_bvtt_single_tree::<false>(&mut workspace, &mut add);
+        found
+    }
+
+    /// All pairs of triangles of this surface and another one, at `pose` if it is rigid, whose boxes
+    /// are nearer than `margin` [m].
+    pub(super) fn pairs_with(
+        &self,
+        other: &Self,
+        pose: Option<&Isometry3<f64>>,
+        margin: f64,
+    ) -> Vec<[u32; 2]> {
+        let Some(pose) = pose else {
+            let meet = |a: &BvhNode, b: &BvhNode| a.intersects(b);
+            return self
+                .bvh
+                .leaf_pairs(&other.bvh, meet)
+                .map(|(a, b)| [a, b])
+                .collect();
+        };
+        let back = pose.inverse();
+        let turn = back.rotation.to_rotation_matrix();
+        let spread = turn.matrix().abs();
+        let meet = |a: &BvhNode, b: &BvhNode| {
+            let vector = |v: Glam| Vector3::new(v.x, v.y, v.z);
+            let (low, high) = (vector(a.mins()), vector(a.maxs()));
+            let centre = turn * ((low + high) * 0.5) + back.translation.vector;
+            let half = spread * ((high - low) * 0.5);
+            let (low, high) = (vector(b.mins()), vector(b.maxs()));
+            (0..3).all(|k| {
+                centre[k] - half[k] <= high[k] + margin && centre[k] + half[k] >= low[k] - margin
+            })
+        };
+        self.bvh
+            .leaf_pairs(&other.bvh, meet)
+            .map(|(a, b)| [a, b])
+            .collect()
     }
 
     /// The winding number of the surface at `point`, exact. `x` are its positions, none farther

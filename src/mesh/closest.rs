@@ -88,6 +88,12 @@ impl Node {
     }
 }
 
+/// The unit normal of a triangle; zero for one without area.
+fn normal([a, b, c]: &[Point3<f64>; 3]) -> Vector3<f64> {
+    let across = (b - a).cross(&(c - a));
+    across.try_normalize(0.0).unwrap_or_default()
+}
+
 impl SurfaceTree {
     /// Builds the tree over triangles with valid indices.
     pub fn new(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Self {
@@ -126,18 +132,30 @@ impl SurfaceTree {
             open.push((child + 1, start + half, end));
         }
         let corners: Vec<[Point3<f64>; 3]> = names.iter().map(|&t| corners[t as usize]).collect();
-        let normal = |[a, b, c]: &[Point3<f64>; 3]| {
-            (b - a)
-                .cross(&(c - a))
-                .try_normalize(0.0)
-                .unwrap_or_default()
-        };
         let normals = corners.iter().map(normal).collect();
         Self {
             nodes,
             corners,
             normals,
             names,
+        }
+    }
+
+    /// Sets new positions of the same `triangles`; the tree keeps its structure and updates its
+    /// boxes.
+    pub fn refit(&mut self, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) {
+        for (k, &t) in self.names.iter().enumerate() {
+            self.corners[k] = triangles[t as usize].map(|v| vertices[v as usize]);
+            self.normals[k] = normal(&self.corners[k]);
+        }
+        // Children have higher indices than their parent.
+        for n in (0..self.nodes.len()).rev() {
+            let Node { link, count, .. } = self.nodes[n];
+            let (first, end) = (link as usize, (link + count) as usize);
+            self.nodes[n].bounds = match self.nodes.get(first..first + 2) {
+                Some([one, other]) if count == 0 => one.bounds.union(&other.bounds),
+                _ => Aabb::of_points(self.corners[first..end].iter().flatten()),
+            };
         }
     }
 

@@ -175,6 +175,23 @@ impl ParityLine<'_> {
             .map(|&(t, turns)| ahead(&p, &self.inside.corners(t as usize), turns))
             .sum()
     }
+
+    /// Where the line crosses the surface: x [m] and the change of the winding number there, in the
+    /// order of the triangles. The changes are exact; each x is rounded.
+    pub fn ends(&self) -> Vec<(f64, i32)> {
+        let end = |&(t, turns): &(u32, i32)| {
+            let c = self.inside.corners(t as usize);
+            let normal = (c[1] - c[0]).cross(&(c[2] - c[0]));
+            let (dy, dz) = (self.at.y - c[0].y, self.at.z - c[0].z);
+            let x = c[0].x - (normal.y * dy + normal.z * dz) / normal.x;
+            let low = c[0].x.min(c[1].x).min(c[2].x);
+            let high = c[0].x.max(c[1].x).max(c[2].x);
+            // A triangle nearly along the line is crossed somewhere within its extent.
+            let x = if x.is_finite() { x } else { 0.5 * (low + high) };
+            (x.max(low).min(high), -turns)
+        };
+        self.covering.iter().map(end).collect()
+    }
 }
 
 /// Signed number of crossings of the triangle `c` and the ray from `p` along +x.

@@ -62,6 +62,15 @@ impl Aabb {
         }
     }
 
+    /// The common part of both; empty if they share no point.
+    #[must_use]
+    pub fn intersection(&self, other: &Self) -> Self {
+        Self {
+            min: self.min.sup(&other.min),
+            max: self.max.inf(&other.max),
+        }
+    }
+
     /// The box extended by `margin` [m] on each side; a negative margin shrinks it, possibly to
     /// empty.
     #[must_use]

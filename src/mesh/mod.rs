@@ -3,6 +3,7 @@
 pub(crate) mod boundary;
 pub(crate) mod closest;
 pub(crate) mod coincident;
+pub(crate) mod crossings;
 pub(crate) mod cut;
 pub(crate) mod health;
 pub(crate) mod inside;
@@ -10,6 +11,7 @@ pub(crate) mod isosurface;
 pub mod measures;
 pub(crate) mod order;
 pub(crate) mod orientation;
+pub(crate) mod overlap;
 pub(crate) mod predicates;
 pub(crate) mod refine;
 pub(crate) mod repair;

@@ -8,7 +8,7 @@
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
-use super::measures::max_or_nan;
+use super::measures::{Aabb, max_or_nan};
 
 /// Products of three coordinates in this range neither overflow nor underflow.
 const PLAIN: std::ops::Range<f64> = 1e-60..1e60;
@@ -131,6 +131,25 @@ pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> b
         }
         _ => false,
     }
+}
+
+/// A point where two triangles that intersect do so, rounded. Where a corner or a side lies in the
+/// plane of the other triangle it is a point near them.
+pub fn crossing_point(s: &[Point3<f64>; 3], t: &[Point3<f64>; 3]) -> Point3<f64> {
+    for (one, other) in [(s, t), (t, s)] {
+        for k in 0..3 {
+            let (p, q) = (&one[k], &one[(k + 1) % 3]);
+            let [a, b, c, p, q] = near_one([other[0], other[1], other[2], *p, *q]);
+            let (above, below) = (side(&[a, b, c], &p), side(&[a, b, c], &q));
+            if above != below && segment_meets(&p, &q, &[a, b, c]) {
+                let share = above / (above - below);
+                let (p, q) = (one[k], one[(k + 1) % 3]);
+                return p + (q - p) * share;
+            }
+        }
+    }
+    let [one, other] = [s, t].map(Aabb::of_points);
+    one.intersection(&other).center()
 }
 
 /// True if the side of a triangle opposite its corner `k` shares a point with another triangle.

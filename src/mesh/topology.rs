@@ -282,6 +282,14 @@ impl Topology {
             && (0..self.edges.len()).all(|e| self.triangles_of_edge(e).len() == 2)
     }
 
+    /// True if the mesh has triangles and each edge is traversed as often in one direction as in the
+    /// other, so that the winding number about each point off the surface is a whole number.
+    pub fn is_cycle(&self) -> bool {
+        !self.edges.is_empty()
+            && (0..self.edges.len())
+                .all(|e| self.triangles_of_edge(e).len() == 2 * self.forward[e] as usize)
+    }
+
     /// True if each edge with two triangles is traversed once in each direction, and no edge has
     /// more than two.
     pub fn is_oriented(&self) -> bool {

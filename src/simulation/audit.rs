@@ -1,5 +1,13 @@
-//! Independent audit of a written frame: vertices inside bones and bone vertices inside muscles, by
-//! exact winding numbers, without the contact code.
+//! Independent audit of a frame by exact predicates and winding numbers, without the contact code
+//! and without a solver: crossings of triangles, vertices inside, shared volumes.
+
+mod frame;
+mod summary;
+#[cfg(test)]
+mod tests;
+
+pub use frame::{Audit, AuditedPair, AuditedSurface, CrossingCounts, FrameAudit};
+pub use summary::{AuditSummary, PairSummary};
 
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
@@ -53,22 +61,30 @@ pub fn examine(
     let muscle = Inside::new(x, triangles);
     for (bone, pose) in bones {
         let back = pose.inverse();
-        let depths: Vec<f64> = (0..x.len())
-            .into_par_iter()
-            .with_min_len(256)
-            .filter(|&v| free(v) && bone.inside.winding(&(back * x[v])) != 0)
-            .map(|v| {
-                bone.surface
-                    .closest(&(back * x[v]))
-                    .map_or(0.0, |c| c.distance.abs())
-            })
-            .collect();
-        findings.vertices_inside += depths.iter().filter(|d| **d > DEPTH).count();
-        findings.depth = max_or_nan(depths.into_iter().chain([findings.depth]));
+        let moved: Vec<Point3<f64>> = x.iter().map(|p| back * p).collect();
+        let depths = depths(&moved, free, &bone.inside, |p| {
+            bone.surface.closest(p).map_or(0.0, |c| c.distance.abs())
+        });
+        findings.vertices_inside += depths.iter().filter(|(_, d)| *d > DEPTH).count();
+        findings.depth = max_or_nan(depths.iter().map(|(_, d)| *d).chain([findings.depth]));
         let points = bone.mesh.vertices.par_iter().with_min_len(256);
         findings.bone_vertices_inside += points
             .filter(|p| muscle.winding(&(pose * **p)) != 0)
             .count();
     }
     findings
+}
+
+/// The points among those that `count` inside a closed surface, in order, with their depths [m].
+fn depths(
+    points: &[Point3<f64>],
+    count: impl Fn(usize) -> bool + Sync,
+    inside: &Inside<'_>,
+    depth: impl Fn(&Point3<f64>) -> f64 + Sync,
+) -> Vec<(usize, f64)> {
+    let is_inside = |v: &usize| count(*v) && inside.winding(&points[*v]) != 0;
+    let all = (0..points.len()).into_par_iter().with_min_len(256);
+    all.filter(is_inside)
+        .map(|v| (v, depth(&points[v])))
+        .collect()
 }

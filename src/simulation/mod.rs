@@ -21,6 +21,9 @@ mod steer;
 mod together;
 
 pub use attachments::component;
+pub use audit::{
+    Audit, AuditSummary, AuditedPair, AuditedSurface, CrossingCounts, FrameAudit, PairSummary,
+};
 pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};

@@ -5,6 +5,7 @@
 
 mod accuracy;
 mod areas;
+mod audit;
 mod biceps;
 mod check;
 mod convert;
@@ -89,6 +90,9 @@ enum Command {
     Scenes(scenes::Arguments),
     /// Show the defects of meshes and whether a simulation accepts them, and repair them
     Check(check::Arguments),
+    /// Count crossings, vertices inside and changes of volume in written frames, of this or another
+    /// program
+    Audit(audit::Arguments),
     /// Write a mesh in another format or unit
     Convert(convert::Arguments),
     /// Blend two closed surfaces: their correspondence, intermediate shapes and intermediate point
@@ -128,6 +132,7 @@ pub fn main() -> ExitCode {
         Some(Command::MomentArms(arguments)) => moment_arms::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
+        Some(Command::Audit(arguments)) => audit::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),
         Some(Command::Implant(arguments)) => implant::run(&arguments),
         Some(Command::Morph(arguments)) => morph::run(&arguments),

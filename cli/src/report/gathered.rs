@@ -7,12 +7,15 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 
+use super::audit::RunAudit;
 use super::folder::FolderError;
 use super::frames::{Listing, file_at};
 use super::record::{FrameTimes, Record};
 use super::results::severity;
 use super::shots::Shots;
-use pliant::simulation::{FrameState, Measures, Scenario, SceneDescription, Simulation};
+use pliant::simulation::{
+    AuditSummary, FrameState, Measures, Scenario, SceneDescription, Simulation,
+};
 use pliant::solvers::effect_of_name;
 use pliant::state::{DecodeError, Reader, Writer};
 
@@ -29,12 +32,14 @@ pub struct Gathered {
     clocks: Vec<Clock>,
     measures: Vec<Measures>,
     times: Vec<FrameTimes>,
+    audit: AuditSummary,
 }
 
 /// The bytes of the accumulated results, for [`Gathered::open`].
 pub fn save(
     simulation: &Simulation,
     record: &Record,
+    audit: &AuditSummary,
     every: usize,
     times_s: (f64, f64),
 ) -> Vec<u8> {
@@ -53,6 +58,7 @@ pub fn save(
     writer.put(&clocks.collect::<Vec<Clock>>());
     writer.list(&record.measures);
     writer.list(&record.times);
+    writer.put(audit);
     writer.bytes
 }
 
@@ -85,6 +91,11 @@ impl Gathered {
             times.iter().map(|t| t.frame).eq(1..=simulation.frame()),
             "times of other frames",
         )?;
+        let audit: AuditSummary = from.take()?;
+        from.check(
+            audit.frames == simulation.frame() + 1,
+            "an audit of other frames",
+        )?;
         from.end()?;
         Ok(Self {
             every,
@@ -92,7 +103,13 @@ impl Gathered {
             clocks,
             measures,
             times,
+            audit,
         })
+    }
+
+    /// The audit so far; `first` is the start of `simulation`.
+    pub(super) fn audit(&mut self, simulation: &Simulation, first: &FrameState) -> RunAudit {
+        RunAudit::resume(simulation, first, std::mem::take(&mut self.audit))
     }
 
     /// The record so far; the clocks of `simulation` continue from it.

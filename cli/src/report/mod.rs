@@ -5,6 +5,7 @@
 //! has no script except that of a turntable, and loads nothing. The public modules convert a run to
 //! files and to a report.
 
+pub mod audit;
 pub mod biceps;
 pub mod fibres;
 pub mod folder;

@@ -5,6 +5,7 @@ mod shown;
 use serde::Serialize;
 use serde_json::json;
 
+use super::audit::{self, RunAudit};
 use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
@@ -103,6 +104,7 @@ pub struct Stopped {
 pub(super) fn output(
     simulation: &Simulation,
     record: Record,
+    audit: &RunAudit,
     chosen: Option<&Chosen>,
 ) -> RunOutput<'static> {
     let muscles = summaries(simulation, &record, chosen);
@@ -110,8 +112,12 @@ pub(super) fn output(
     for (m, summary) in muscles.iter().enumerate() {
         verdicts.extend(verdicts_of(simulation, m, summary));
     }
+    verdicts.extend(audit::crossing_verdicts(&audit.summary, SEE_AUDIT));
     let cuts = simulation.bodies.iter().filter_map(cut);
     let plot = |plot| Plot { file: None, plot };
+    let mut tables = shown::tables(&muscles, &record, &solver(&simulation.scene.solver));
+    tables.push(audit::table(&audit.summary));
+    tables.retain(|t| !t.rows.is_empty());
     let plots = shown::plots(&muscles, &simulation.plan, &record);
     RunOutput {
         kind: "muscles",
@@ -132,7 +138,8 @@ pub(super) fn output(
         verdicts,
         notes: simulation.notes.iter().cloned().chain(cuts).collect(),
         text: shown::text(&muscles),
-        tables: shown::tables(&muscles, &record, &solver(&simulation.scene.solver)),
+        tables,
+        audit: Some(audit.measures()),
         plots: plots.into_iter().map(plot).collect(),
         data: record.into_data().into(),
         ..RunOutput::default()
@@ -268,6 +275,9 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         stopped,
     }
 }
+
+/// Advice after crossings.
+const SEE_AUDIT: &str = "`audit.pairs` in summary.json names all pairs";
 
 /// Advice for a muscle whose steps are too long.
 const MORE_SUBSTEPS: &str = "use more substeps, or `[solver.quasi_static]`";

@@ -294,6 +294,8 @@ pub struct RunOutput<'a> {
     pub measures: Value,
     /// Frames and times, for the run of a scene.
     pub scene: Option<SceneRun>,
+    /// The audit of the frames of a run.
+    pub audit: Option<Value>,
     /// Checks.
     pub verdicts: Vec<Verdict>,
     /// Observations that are neither right nor wrong.
@@ -371,6 +373,9 @@ impl RunOutput<'_> {
             (self.kind, self.measures.clone()),
         ] {
             all.insert(key.to_owned(), value);
+        }
+        if let Some(audit) = &self.audit {
+            all.insert("audit".to_owned(), audit.clone());
         }
         if let Value::Object(scene) = json!(self.scene) {
             all.extend(scene);

@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use super::audit::RunAudit;
 use super::folder::{Folder, FolderError};
 use super::frames::Listing;
 use super::gathered::{self, Gathered};
@@ -20,6 +21,7 @@ use pliant::simulation::{Ended, FrameState, Measures, Observer, Scenario, Simula
 pub struct Results {
     frames: Frames,
     record: Record,
+    audit: RunAudit,
     checkpoints: Option<Checkpoints>,
 }
 
@@ -41,6 +43,7 @@ impl Results {
         Self {
             frames,
             record: Record::default(),
+            audit: RunAudit::new(),
             checkpoints: None,
         }
     }
@@ -56,12 +59,13 @@ impl Results {
     pub fn resume(
         root: &Path,
         simulation: &mut Simulation,
-        gathered: Gathered,
+        mut gathered: Gathered,
         first: FrameState,
         animate: bool,
         begun: Instant,
     ) -> Result<Self, FolderError> {
         let scene = simulation.description();
+        let audit = gathered.audit(simulation, &first);
         let shots = gathered.shots(&scene, simulation, root, first, animate)?;
         let (listing, files) = gathered::listing(&scene, simulation);
         let folder = Folder::resume(root, &files, |file| !animate && file.ends_with(".gif"))?;
@@ -70,6 +74,7 @@ impl Results {
         Ok(Self {
             frames: Frames::start(folder, scene, listing, shots, begun, earlier),
             record: gathered.record(simulation),
+            audit,
             checkpoints: None,
         })
     }
@@ -96,7 +101,13 @@ impl Results {
         }
         due.last = Some(frame);
         let spent = self.frames.spent();
-        let beside = gathered::save(simulation, &self.record, due.every, spent);
+        let beside = gathered::save(
+            simulation,
+            &self.record,
+            &self.audit.summary,
+            due.every,
+            spent,
+        );
         let bytes = checkpoint::save(simulation, &due.fingerprint, &beside);
         self.frames.add_checkpoint(bytes)
     }
@@ -107,6 +118,7 @@ impl Results {
     pub fn frame(&mut self, simulation: &Simulation, step: Duration) -> bool {
         let before = Instant::now();
         let measures = simulation.measure();
+        self.audit.frame(simulation);
         let audit = before.elapsed();
         let severity = severity(&measures);
         self.record.add(simulation, measures, step, audit);
@@ -139,7 +151,7 @@ impl Results {
         ended: &Ended,
         chosen: Option<&Chosen>,
     ) -> Result<Finished<'static>, FolderError> {
-        let own = muscles::output(simulation, self.record, chosen);
+        let own = muscles::output(simulation, self.record, &self.audit, chosen);
         self.frames.finish(simulation, own, ended, settings)
     }
 }

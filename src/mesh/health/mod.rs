@@ -4,15 +4,15 @@
 //! decide whether a triangle has area and whether two triangles intersect, so no tolerance and no
 //! unit enters. Only slivers have a threshold, an angle.
 
-pub(crate) mod crossings;
 mod finding;
 
-pub use crossings::{Crossings, crossings};
 pub use finding::{Finding, FindingKind, FindingPlace, Repair};
 use nalgebra::Point3;
 
 use super::boundary::{Rim, rims};
+use super::closest::SurfaceTree;
 use super::coincident::{first_in_place, same_corners};
+use super::crossings::{Crossed, Crossings, LISTED, self_crossings};
 use super::measures::{Aabb, smallest_angle, volume};
 use super::orientation::Orientation;
 use super::topology::Topology;
@@ -111,6 +111,18 @@ impl Health {
     }
 }
 
+/// The crossings of a surface with itself, without `skipped` triangles.
+fn crossings(mesh: &TriangleMesh, names: &[u32], skipped: &[bool]) -> Crossings {
+    let surface = Crossed {
+        vertices: &mesh.vertices,
+        triangles: &mesh.triangles,
+        names,
+        skipped,
+        tree: &SurfaceTree::new(&mesh.vertices, &mesh.triangles),
+    };
+    self_crossings(surface, LISTED)
+}
+
 /// Input of the findings.
 struct Parts {
     topology: Topology,
@@ -153,9 +165,7 @@ impl Parts {
             .chain(duplicates.iter().flat_map(|g| &g[1..]))
             .for_each(|t| skipped[*t as usize] = true);
         Self {
-            crossings: crossings(&mesh.vertices, &mesh.triangles, &first_in_place, |t| {
-                skipped[t]
-            }),
+            crossings: crossings(mesh, &first_in_place, &skipped),
             orientation: Orientation::new(&topology, &mesh.triangles),
             rims: rims(&topology),
             inconsistent: topology.inconsistent_edges(),
