@@ -162,7 +162,6 @@ pub struct Meeting {
     /// Share of a gap that a step leaves at least.
     kept: f64,
     certificate: Certificate,
-    pub dbg: [f64; 8],
 }
 
 /// A soft surface that takes part in a meeting.
@@ -262,7 +261,6 @@ impl Meeting {
             moved: [0.0; 2],
             kept: KEPT,
             certificate: Certificate::default(),
-            dbg: [0.0; 8],
         };
         meeting.list(placed, |placed| placed.now);
         meeting.learn_rest();
@@ -282,9 +280,6 @@ impl Meeting {
             })
     }
 
-    pub fn certificate(&self) -> Certificate {
-        self.certificate
-    }
     /// The counts since the last call.
     pub fn take_certificate(&mut self) -> Certificate {
         std::mem::take(&mut self.certificate)
@@ -369,7 +364,6 @@ impl Meeting {
 
     /// Searches for all near pairs at the start of the step, with bones at the given pose.
     fn list(&mut self, placed: &[PosedObstacle], pose: impl Fn(&PosedObstacle) -> Isometry3<f64>) {
-        let t0 = std::time::Instant::now();
         // What bones move in a step cannot be taken back.
         let step = self.bone_motion(placed, |placed| placed.before);
         self.reach = self.base_reach.map(|reach| reach + 2.5 * step);
@@ -445,9 +439,6 @@ impl Meeting {
         });
         self.moved = [0.0; 2];
         self.certificate.lists += 1;
-        self.dbg[0] += t0.elapsed().as_secs_f64();
-        self.dbg[6] = self.pairs.len() as f64;
-        self.dbg[7] = self.slots.len() as f64;
     }
 
     fn add(&mut self, against: Against, a: usize, b: usize, near: &NearPair) {
@@ -589,11 +580,9 @@ impl Meeting {
 
     /// Sets the end of the step.
     fn set_end(&mut self, bodies: &[&mut [Point3<f64>]], placed: &[PosedObstacle]) {
-        let t0 = std::time::Instant::now();
         self.take_end(bodies);
         self.place(placed, |placed| placed.now, false);
         self.moved = self.motion(placed);
-        self.dbg[1] += t0.elapsed().as_secs_f64();
     }
 
     /// Sets the end of the step, and makes a new list at its start if the present one is outdated.

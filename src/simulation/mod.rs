@@ -208,7 +208,6 @@ impl Simulation {
                 group.compute(&mut bodies, &steps, dt, frame, thickness);
             });
         for group in &mut self.groups {
-            group.debug();
             self.certificate.add(&group.take_certificate());
         }
         self.placed = steps.into_iter().next_back().unwrap_or_default();

@@ -205,23 +205,6 @@ impl Group {
         }
     }
 
-    pub fn debug(&mut self) {
-        if let Some(m) = &mut self.meeting {
-            eprintln!(
-                "list {:.4} end {:.4} find {:.4} sweep {:.4} hold {:.4} rows {} pairs {} slots {} {:?}",
-                m.dbg[0],
-                m.dbg[1],
-                m.dbg[2],
-                m.dbg[3],
-                m.dbg[4],
-                m.dbg[5],
-                m.dbg[6],
-                m.dbg[7],
-                m.certificate()
-            );
-            m.dbg = [0.0; 8];
-        }
-    }
     /// The counts since the last call.
     pub(super) fn take_certificate(&mut self) -> Certificate {
         self.meeting

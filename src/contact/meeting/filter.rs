@@ -23,7 +23,6 @@ impl Meeting {
     ) -> Vec<Vec<u32>> {
         self.set_end(bodies, placed);
         let wanted = self.end[..self.soft_count].to_vec();
-        let t0 = std::time::Instant::now();
         let mut halvings = vec![0_u8; self.soft_count];
         let mut is_moved = self.cap();
         let mut open = 0;
@@ -54,7 +53,6 @@ impl Meeting {
             }
         }
         self.certificate.open += open;
-        self.dbg[4] += t0.elapsed().as_secs_f64();
         self.certificate.held += halvings.iter().filter(|h| **h > HALVINGS).count() as u64;
         if !is_moved {
             return vec![Vec::new(); self.soft.len()];

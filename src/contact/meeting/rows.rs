@@ -28,10 +28,7 @@ impl Meeting {
     /// of each soft surface [m].
     pub fn respond(&mut self, bodies: &mut [&mut [Point3<f64>]], placed: &[PosedObstacle]) {
         self.update(bodies, placed);
-        let t0 = std::time::Instant::now();
         self.find_rows();
-        self.dbg[2] += t0.elapsed().as_secs_f64();
-        let t0 = std::time::Instant::now();
         if self.rows.is_empty() {
             return;
         }
@@ -46,8 +43,6 @@ impl Meeting {
                 break;
             }
         }
-        self.dbg[3] += t0.elapsed().as_secs_f64();
-        self.dbg[5] += self.rows.len() as f64;
         self.give_end(bodies);
     }
 
