@@ -69,6 +69,8 @@ pub struct TriangleProjection {
 pub struct SurfaceTree {
     nodes: Vec<Node>,
     corners: Vec<[Point3<f64>; 3]>,
+    /// Box of each triangle.
+    boxes: Vec<Aabb>,
     normals: Vec<Vector3<f64>>,
     /// Index in the mesh of each triangle as stored here.
     names: Vec<u32>,
@@ -133,9 +135,11 @@ impl SurfaceTree {
         }
         let corners: Vec<[Point3<f64>; 3]> = names.iter().map(|&t| corners[t as usize]).collect();
         let normals = corners.iter().map(normal).collect();
+        let boxes = corners.iter().map(Aabb::of_points).collect();
         Self {
             nodes,
             corners,
+            boxes,
             normals,
             names,
         }
@@ -146,6 +150,7 @@ impl SurfaceTree {
     pub fn refit(&mut self, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) {
         for (k, &t) in self.names.iter().enumerate() {
             self.corners[k] = triangles[t as usize].map(|v| vertices[v as usize]);
+            self.boxes[k] = Aabb::of_points(&self.corners[k]);
             self.normals[k] = normal(&self.corners[k]);
         }
         // Children have higher indices than their parent.
@@ -247,7 +252,7 @@ impl SurfaceTree {
                 continue;
             }
             for t in node.link as usize..(node.link + node.count) as usize {
-                if Aabb::of_points(&self.corners[t]).intersects(bounds) {
+                if self.boxes[t].intersects(bounds) {
                     if found.len() == most {
                         return false;
                     }

@@ -111,6 +111,8 @@ pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> b
     let [s0, s1, s2, t0, t1, t2] = near_one([s[0], s[1], s[2], t[0], t[1], t[2]].map(at));
     let (of_s, of_t) = ([s0, s1, s2], [t0, t1, t2]);
     match s.iter().filter(|v| t.contains(v)).count() {
+        // Corners strictly on one side of the other triangle's plane: the common case.
+        0 if is_beside(&of_s, &of_t) || is_beside(&of_t, &of_s) => false,
         0 => {
             (0..3).any(|k| opposite_side_meets(&of_s, k, &of_t))
                 || (0..3).any(|k| opposite_side_meets(&of_t, k, &of_s))
@@ -150,6 +152,16 @@ pub fn crossing_point(s: &[Point3<f64>; 3], t: &[Point3<f64>; 3]) -> Point3<f64>
     }
     let [one, other] = [s, t].map(Aabb::of_points);
     one.intersection(&other).center()
+}
+
+/// True if all corners lie strictly on one side of the plane of another triangle.
+fn is_beside(one: &[Point3<f64>; 3], other: &[Point3<f64>; 3]) -> bool {
+    let first = side(other, &one[0]);
+    let agrees = |p: &Point3<f64>| match first > 0.0 {
+        true => side(other, p) > 0.0,
+        false => side(other, p) < 0.0,
+    };
+    first != 0.0 && agrees(&one[1]) && agrees(&one[2])
 }
 
 /// True if the side of a triangle opposite its corner `k` shares a point with another triangle.

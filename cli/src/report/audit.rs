@@ -11,6 +11,10 @@ use pliant::simulation::{
     PairSummary, Scenario, Simulation,
 };
 
+/// A run audits every frame with a multiple of this number, because the audit of three muscles and
+/// their bones takes as long as half a frame.
+const EVERY: usize = 10;
+
 /// Greatest number of pairs of surfaces in a table.
 const MOST_ROWS: usize = 30;
 
@@ -20,6 +24,8 @@ pub struct RunAudit {
     audit: Audit,
     /// Findings so far.
     pub summary: AuditSummary,
+    /// The last audited frame.
+    last: Option<usize>,
 }
 
 impl RunAudit {
@@ -28,6 +34,7 @@ impl RunAudit {
         Self {
             audit: Audit::new(),
             summary: AuditSummary::new(),
+            last: None,
         }
     }
 
@@ -36,12 +43,40 @@ impl RunAudit {
     pub fn resume(simulation: &Simulation, first: &FrameState, summary: AuditSummary) -> Self {
         let mut audit = Self::new();
         audit.examine(simulation, first);
-        Self { summary, ..audit }
+        // The start was audited, but the last audited frame is a later one.
+        let last = simulation.frame() / EVERY * EVERY;
+        Self {
+            summary,
+            last: Some(last),
+            ..audit
+        }
     }
 
-    /// Audits the present frame.
+    /// Audits the present frame if its turn has come: every [`EVERY`]th frame.
     pub fn frame(&mut self, simulation: &Simulation) {
-        self.examine(simulation, &simulation.state());
+        if simulation.frame().is_multiple_of(EVERY) {
+            self.examine(simulation, &simulation.state());
+        }
+    }
+
+    /// Audits the last frame of a run if it has not been.
+    pub fn finish(&mut self, simulation: &Simulation) {
+        if self.last != Some(simulation.frame()) {
+            self.examine(simulation, &simulation.state());
+        }
+    }
+
+    /// Number of audited frames up to a frame that is not the end.
+    pub fn frames_at(frame: usize) -> usize {
+        frame / EVERY + 1
+    }
+
+    /// Which frames were audited, for the notes of a run.
+    pub fn note(&self) -> String {
+        let frames = self.summary.frames;
+        format!(
+            "audited: every {EVERY}th frame and the last, {frames} in all; `pliant audit` audits all"
+        )
     }
 
     /// Audits one frame of a simulation.
@@ -78,6 +113,7 @@ impl RunAudit {
         }
         let found = self.audit.frame(&surfaces);
         self.summary.add(state.frame, &found);
+        self.last = Some(state.frame);
     }
 
     /// The findings as in summaries.

@@ -93,7 +93,7 @@ impl Gathered {
         )?;
         let audit: AuditSummary = from.take()?;
         from.check(
-            audit.frames == simulation.frame() + 1,
+            audit.frames == RunAudit::frames_at(simulation.frame()),
             "an audit of other frames",
         )?;
         from.end()?;

@@ -136,7 +136,10 @@ pub(super) fn output(
             ..SceneRun::default()
         }),
         verdicts,
-        notes: simulation.notes.iter().cloned().chain(cuts).collect(),
+        notes: (simulation.notes.iter().cloned())
+            .chain(cuts)
+            .chain([audit.note()])
+            .collect(),
         text: shown::text(&muscles),
         tables,
         audit: Some(audit.measures()),

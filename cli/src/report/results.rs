@@ -145,12 +145,13 @@ impl Results {
     /// # Errors
     /// An error of writing.
     pub fn finish(
-        self,
+        mut self,
         simulation: &Simulation,
         settings: &[(String, String)],
         ended: &Ended,
         chosen: Option<&Chosen>,
     ) -> Result<Finished<'static>, FolderError> {
+        self.audit.finish(simulation);
         let own = muscles::output(simulation, self.record, &self.audit, chosen);
         self.frames.finish(simulation, own, ended, settings)
     }

@@ -14,11 +14,11 @@ fn sick() -> TriangleMesh {
     mesh
 }
 
-fn write(path: &Path, mesh: &TriangleMesh) {
+pub(super) fn write(path: &Path, mesh: &TriangleMesh) {
     io::write(path, mesh, &[], Encoding::Binary).unwrap();
 }
 
-fn code(done: &Output) -> Option<i32> {
+pub(super) fn code(done: &Output) -> Option<i32> {
     done.status.code()
 }
 

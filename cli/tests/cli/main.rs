@@ -1,5 +1,6 @@
 //! The command as a person or a script uses it: exit codes, messages, and the files of a run.
 
+mod audit;
 mod biceps;
 mod check;
 mod fibres;

@@ -119,6 +119,8 @@ struct Kept {
     /// The same among the vertices that are still at one position.
     names: Vec<u32>,
     flat: Vec<bool>,
+    /// Groups of triangles with the same three corners.
+    doubled: Vec<Vec<u32>>,
     closed: bool,
     bounds: Aabb,
     /// Enclosed volume in the first frame [m3].
@@ -134,6 +136,7 @@ impl Kept {
             triangles: triangles.iter().map(corners).collect(),
             vertices,
         };
+        let doubled = same_corners(&whole.triangles);
         let closed = Topology::new(&whole).is_cycle();
         let vertices = whole.vertices;
         let mut kept = Self {
@@ -141,6 +144,7 @@ impl Kept {
             names: joined.clone(),
             joined,
             flat: Vec::new(),
+            doubled,
             bounds: Aabb::EMPTY,
             volume: if closed {
                 volume(&vertices, &triangles)
@@ -173,22 +177,24 @@ impl Kept {
     /// Joins the vertices that were at one position in the first frame and are at one now. A vertex
     /// that comes to the position of another one only now touches it.
     fn name(&mut self) {
-        let key = |v: usize| self.vertices[v].coords.map(|c| (c + 0.0).to_bits());
-        let mut first = BTreeMap::new();
         let mut shared = vec![false; self.joined.len()];
         for (v, &j) in self.joined.iter().enumerate() {
             shared[j as usize] |= j as usize != v;
         }
-        for v in 0..self.names.len() {
-            let j = self.joined[v];
-            self.names[v] = if shared[j as usize] {
-                *first
-                    .entry((j, <[u64; 3]>::from(key(v))))
-                    .or_insert(v as u32)
-            } else {
-                v as u32
-            };
+        if !shared.contains(&true) {
+            return;
         }
+        let key = |v: usize| self.vertices[v].coords.map(|c| (c + 0.0).to_bits());
+        let mut first = BTreeMap::new();
+        for (v, &j) in self.joined.iter().enumerate() {
+            if shared[j as usize] {
+                let place = (j, <[u64; 3]>::from(key(v)));
+                self.names[v] = *first.entry(place).or_insert(v as u32);
+            }
+        }
+        let named = |t: &[u32; 3]| t.map(|v| self.names[v as usize]);
+        let named: Vec<[u32; 3]> = self.triangles.iter().map(named).collect();
+        self.doubled = same_corners(&named);
     }
 
     fn examine(&mut self) {
@@ -211,11 +217,10 @@ impl Kept {
     /// Crossings with itself. Two triangles with the same three corners lie on each other.
     fn self_crossings(&self) -> Crossings {
         let mut found = self_crossings(self.crossed(), self.triangles.len());
-        let named = |t: &[u32; 3]| t.map(|v| self.names[v as usize]);
-        let named: Vec<[u32; 3]> = self.triangles.iter().map(named).collect();
-        for group in same_corners(&named) {
+        for group in &self.doubled {
             let group: Vec<u32> = group
-                .into_iter()
+                .iter()
+                .copied()
                 .filter(|t| !self.flat[*t as usize])
                 .collect();
             found.count += group.len() * group.len().saturating_sub(1) / 2;
