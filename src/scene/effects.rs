@@ -19,7 +19,7 @@ pub struct Effects {
     pub volume: Option<Volume>,
     /// Stretching along fibres is easier.
     pub anisotropy: Option<Anisotropy>,
-    /// Muscles are kept out of bones and bones out of muscles.
+    /// Surfaces are kept from passing through each other.
     pub contact: Option<ContactEffect>,
     /// Acceleration [m/s^2].
     pub gravity: Option<Vector3<f64>>,
@@ -43,13 +43,49 @@ pub struct Anisotropy {
     pub power: f64,
 }
 
-/// Contact with Coulomb friction.
+/// Contact of muscles with bones, with each other and with themselves, with Coulomb friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEffect {
-    /// Distance kept between muscle and bone \[m\].
+    /// Distance kept between surfaces \[m\].
     pub thickness: f64,
     /// Coefficient of Coulomb friction.
     pub friction: f64,
+    /// The surfaces that a muscle meets.
+    pub between: Between,
+}
+
+/// The surfaces that a muscle meets.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Between {
+    /// Other muscles.
+    pub muscles: bool,
+    /// Bones.
+    pub bones: bool,
+    /// The muscle itself.
+    pub itself: bool,
+}
+
+impl Between {
+    /// The names in a scene file, in the order of the bits of a key.
+    const NAMES: &'static [&'static str] = &["muscles", "bones", "self"];
+
+    fn bits(self) -> u32 {
+        let Self {
+            muscles,
+            bones,
+            itself,
+        } = self;
+        u32::from(muscles) | u32::from(bones) << 1 | u32::from(itself) << 2
+    }
+
+    fn of_bits(bits: u32) -> Self {
+        let [muscles, bones, itself] = [0, 1, 2].map(|k| bits >> k & 1 == 1);
+        Self {
+            muscles,
+            bones,
+            itself,
+        }
+    }
 }
 
 /// Material constants of a surface muscle.
@@ -191,7 +227,7 @@ pub static EFFECTS: [EffectSpec; 7] = [
     },
     EffectSpec {
         key: "contact",
-        help: "Muscles are kept out of bones and bones out of muscles.",
+        help: "Muscles are kept from passing through bones, each other and themselves.",
         keys: CONTACT,
         material: None,
         usual: Some("thickness = \"0.5 mm\"\n"),
@@ -200,17 +236,25 @@ pub static EFFECTS: [EffectSpec; 7] = [
             let ContactEffect {
                 thickness,
                 friction,
+                between,
             } = effects.contact?;
             Some(vec![
                 KeyValue::Number(thickness),
                 KeyValue::Number(friction),
+                KeyValue::Names(Between::NAMES, between.bits()),
             ])
         },
         set: |effects, values| {
-            if let &[KeyValue::Number(thickness), KeyValue::Number(friction)] = values {
+            if let &[
+                KeyValue::Number(thickness),
+                KeyValue::Number(friction),
+                KeyValue::Names(_, between),
+            ] = values
+            {
                 effects.contact = Some(ContactEffect {
                     thickness,
                     friction,
+                    between: Between::of_bits(between),
                 });
             }
         },
@@ -273,7 +317,7 @@ const CONTACT: &[KeySpec] = &[
     KeySpec::new(
         "thickness",
         KeyKind::Quantity(Dimension::Length, Limit::NotNegative),
-        "Distance kept between muscle and bone.",
+        "Distance kept between surfaces.",
     )
     .shown_in("mm", 1e3)
     .over(about(4.0, 1.0)),
@@ -283,6 +327,13 @@ const CONTACT: &[KeySpec] = &[
         "Coefficient of Coulomb friction.",
     )
     .or(0.0),
+    KeySpec::new(
+        "between",
+        KeyKind::Names(Between::NAMES),
+        "The surfaces that a muscle meets.",
+    )
+    .such_as("[\"muscles\", \"bones\", \"self\"]")
+    .or_all(),
 ];
 
 const GRAVITY: &[KeySpec] = &[KeySpec::new(

@@ -36,6 +36,8 @@ pub enum KeyValue {
     Vector(Vector3<f64>),
     /// The order of a sweep.
     Order(SweepOrder),
+    /// Some of several names; bit k is set for name k.
+    Names(&'static [&'static str], u32),
 }
 
 impl fmt::Display for KeyValue {
@@ -45,6 +47,11 @@ impl fmt::Display for KeyValue {
             Self::Whole(number) => write!(f, "{number}"),
             Self::Vector(v) => write!(f, "[{}, {}, {}]", v.x, v.y, v.z),
             Self::Order(order) => f.write_str(order.name()),
+            Self::Names(names, chosen) => {
+                let chosen = (0..names.len()).filter(|k| chosen >> k & 1 == 1);
+                let quoted: Vec<String> = chosen.map(|k| format!("\"{}\"", names[k])).collect();
+                write!(f, "[{}]", quoted.join(", "))
+            }
         }
     }
 }
@@ -62,6 +69,8 @@ pub enum KeyKind {
     Whole(u32),
     /// The name of an order of sweeps.
     Order,
+    /// A list of some of these names.
+    Names(&'static [&'static str]),
 }
 
 /// The range of a slider of a panel, in the unit of the panel.
@@ -134,6 +143,14 @@ impl KeySpec {
         self
     }
 
+    /// All names of the list, if the key is absent.
+    pub(super) const fn or_all(mut self) -> Self {
+        if let KeyKind::Names(names) = self.kind {
+            self.default = Some(KeyValue::Names(names, (1 << names.len()) - 1));
+        }
+        self
+    }
+
     pub(super) const fn such_as(mut self, example: &'static str) -> Self {
         self.example = example;
         self
@@ -154,7 +171,9 @@ impl KeySpec {
     pub(super) fn schema(&self) -> Kind {
         match self.kind {
             KeyKind::Quantity(..) | KeyKind::Order => Kind::Text,
-            KeyKind::Number(_) | KeyKind::Vector(_) | KeyKind::Whole(_) => Kind::Plain,
+            KeyKind::Number(_) | KeyKind::Vector(_) | KeyKind::Whole(_) | KeyKind::Names(_) => {
+                Kind::Plain
+            }
         }
     }
 
@@ -187,6 +206,7 @@ impl KeySpec {
             KeyKind::Vector(dimension) => KeyValue::Vector(item.vector(dimension)?),
             KeyKind::Whole(most) => KeyValue::Whole(item.whole(1, most)?),
             KeyKind::Order => KeyValue::Order(order(item)?),
+            KeyKind::Names(names) => KeyValue::Names(names, some_of(names, item)?),
         })
     }
 
@@ -208,6 +228,18 @@ pub(super) fn read(keys: &[KeySpec], section: &Section<'_>) -> Result<Vec<KeyVal
     keys.iter()
         .map(|key| key.read(section, key.default))
         .collect()
+}
+
+fn some_of(names: &'static [&'static str], item: &Item<'_>) -> Result<u32, SceneError> {
+    let mut chosen = 0;
+    for item in item.list("a list of names")? {
+        let name = item.text(names.first().unwrap_or(&""))?;
+        match names.iter().position(|known| *known == name) {
+            Some(k) => chosen |= 1 << k,
+            None => return item.fail(unknown_name("surface", name, names.iter().copied())),
+        }
+    }
+    Ok(chosen)
 }
 
 fn order(item: &Item<'_>) -> Result<SweepOrder, SceneError> {

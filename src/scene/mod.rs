@@ -40,7 +40,9 @@ pub use study::{Combine, StudyChange};
 
 pub use crate::constraints::SweepOrder;
 pub use content::Content;
-pub use effects::{Anisotropy, ContactEffect, EffectSpec, Effects, Mass, Material, Volume};
+pub use effects::{
+    Anisotropy, Between, ContactEffect, EffectSpec, Effects, Mass, Material, Volume,
+};
 pub use error::SceneError;
 pub(crate) use error::SceneProblem;
 pub use guess::likely_units;

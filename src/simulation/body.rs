@@ -297,6 +297,7 @@ impl Body {
             let ContactEffect {
                 thickness,
                 friction,
+                ..
             } = contact;
             *contacts = Some(Contacts::new(
                 &self.rest, particles, placed, obstacles, thickness, friction,
@@ -387,6 +388,7 @@ fn contacts(
     let ContactEffect {
         thickness,
         friction,
+        ..
     } = contact;
     let surface = Surface::clone(&rest.surface());
     Contacts::known(

@@ -4,7 +4,7 @@ use super::body::Builder;
 use super::plan::{Planner, obstacle, swept};
 use crate::constraints::EnclosedVolume;
 use crate::fibres::anisotropy;
-use crate::scene::EffectSpec;
+use crate::scene::{Between, EffectSpec};
 use crate::solvers::stiffness;
 
 /// The computation of an effect.
@@ -129,8 +129,15 @@ fn plan_contact(planner: &mut Planner<'_>) {
     if mesh.triangles.is_empty() {
         return planner.leave("contact", "the body has no triangles");
     }
+    let Some(between) = scene.effects.contact.map(|contact| contact.between) else {
+        return;
+    };
+    plan_meetings(planner, between);
+    if !between.bones {
+        return planner.leave("contact with bones", "`between` does not name bones");
+    }
     if scene.bones.is_empty() {
-        return planner.leave("contact", "the scene has no bones");
+        return planner.leave("contact with bones", "the scene has no bones");
     }
     let reach = planner.reach();
     let n = mesh.vertices.len();
@@ -144,6 +151,34 @@ fn plan_contact(planner: &mut Planner<'_>) {
             planner.reaches(o, &effect, elements, n * 96 + elements * 8);
         } else {
             planner.leave(&effect, "the boxes that muscle and bone sweep never meet");
+        }
+    }
+}
+
+/// Contact of a muscle with itself and with the muscles after it.
+fn plan_meetings(planner: &mut Planner<'_>, between: Between) {
+    let (scene, m) = (planner.scene, planner.index());
+    if scene.solver.minimisation().is_some() {
+        let why = "a minimum of energy keeps muscles out of bones alone; `solver.xpbd` has it";
+        return planner.leave("contact with muscles and itself", why);
+    }
+    match between.itself {
+        true => planner.meets(None, "contact with itself"),
+        false => planner.leave("contact with itself", "`between` does not name self"),
+    }
+    let reach = planner.reach();
+    for other in m + 1..scene.muscles.len() {
+        let effect = format!("contact with {}", scene.muscles[other].name);
+        let apart = match (reach, planner.reach_of(other)) {
+            (Some(a), Some(b)) => !a.intersects(&b),
+            _ => false,
+        };
+        if !between.muscles {
+            planner.leave(&effect, "`between` does not name muscles");
+        } else if apart {
+            planner.leave(&effect, "the boxes that the muscles sweep never meet");
+        } else {
+            planner.meets(Some(other), &effect);
         }
     }
 }

@@ -48,6 +48,8 @@ pub struct MusclePlan {
     pub effects: Vec<&'static str>,
     /// Obstacles within reach: bones by index, then capsules.
     pub obstacles: Vec<usize>,
+    /// The other muscles that it can meet, by index.
+    pub partners: Vec<usize>,
     /// Vertices that the user fixed in space, besides the attached ones; empty in a new plan.
     pub fixed: Vec<u32>,
     /// The rest shape of a muscle that continues another run, see
@@ -198,6 +200,16 @@ impl<'a> Planner<'a> {
         reach(self.scene, self.mesh(), self.m)
     }
 
+    /// The box that another muscle is expected to stay in.
+    pub fn reach_of(&self, other: usize) -> Option<Aabb> {
+        reach(self.scene, &self.assets.muscles[other].mesh, other)
+    }
+
+    /// The index of the muscle.
+    pub fn index(&self) -> usize {
+        self.m
+    }
+
     /// The effect with a key does not run.
     pub fn leave(&mut self, effect: &str, why: impl Into<String>) {
         self.plan.leave(self.name, effect, why);
@@ -227,6 +239,16 @@ impl<'a> Planner<'a> {
         self.add(effect, elements, bytes, ms_per_frame);
     }
 
+    /// The muscle can meet another muscle, or itself.
+    pub fn meets(&mut self, other: Option<usize>, effect: &str) {
+        let vertices = self.mesh().vertices.len();
+        let theirs = other.map_or(0, |other| self.assets.muscles[other].mesh.vertices.len());
+        let elements = vertices + theirs;
+        let ms_per_frame = elements as f64 * nanoseconds("contact") * sub_steps(self.scene) * 1e-6;
+        self.decided.partners.extend(other);
+        self.add(effect, elements, elements * MET, ms_per_frame);
+    }
+
     fn add(&mut self, effect: &str, elements: usize, bytes: usize, ms_per_frame: f64) {
         self.plan.run.push(Planned {
             muscle: self.name.to_owned(),
@@ -237,6 +259,9 @@ impl<'a> Planner<'a> {
         });
     }
 }
+
+/// Memory of a vertex that can meet others, with its near pairs [bytes].
+const MET: usize = 640;
 
 /// Time of an element of an effect in a sweep or step [ns].
 fn nanoseconds(effect: &str) -> f64 {
@@ -282,7 +307,7 @@ pub(super) fn swept(scene: &Scene, bone: usize, bounds: &Aabb) -> Aabb {
 /// A box that the muscle is expected to stay in: its start box, moved with each attached bone, with
 /// a margin. `None` for a muscle without attachment. The run tests whether the muscle leaves the
 /// box.
-pub(super) fn reach(scene: &Scene, mesh: &TriangleMesh, m: usize) -> Option<Aabb> {
+fn reach(scene: &Scene, mesh: &TriangleMesh, m: usize) -> Option<Aabb> {
     let muscle = &scene.muscles[m];
     let free = muscle.attachments.is_empty();
     if free && (scene.effects.gravity.is_some() || !muscle.forces.is_empty()) {

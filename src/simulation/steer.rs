@@ -145,6 +145,7 @@ impl Body {
                 let ContactEffect {
                     thickness,
                     friction,
+                    ..
                 } = contact;
                 // The remains of an interrupted step are not used.
                 let is_known = |known: &&Contacts| {

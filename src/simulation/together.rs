@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::body::{Body, Stepper};
-use super::{SETTLED, Simulation, place, plan, step_body};
+use super::{SETTLED, Simulation, place, step_body};
 use crate::contact::PosedObstacle;
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember};
 use crate::contact::response::OVER_VERTEX;
@@ -72,31 +72,18 @@ impl Simulation {
         }
     }
 
-    /// Pairs of bodies that can meet: whose boxes over all frames overlap.
+    /// Pairs of bodies that can meet by the plan.
     fn partners(&self) -> Vec<[usize; 2]> {
-        if self.scene.effects.contact.is_none() {
-            return Vec::new();
-        }
-        let boxes: Vec<_> = self
-            .bodies
-            .iter()
-            .map(|body| {
-                let m = self
-                    .scene
-                    .muscles
-                    .iter()
-                    .position(|muscle| muscle.name == body.name);
-                m.and_then(|m| plan::reach(&self.scene, &body.rest, m))
-            })
-            .collect();
+        let body_of = |m: usize| {
+            let name = &self.scene.muscles[m].name;
+            self.bodies.iter().position(|body| body.name == *name)
+        };
         let mut partners = Vec::new();
-        for a in 0..boxes.len() {
-            for b in a + 1..boxes.len() {
-                let can_meet = match (&boxes[a], &boxes[b]) {
-                    (Some(a), Some(b)) => a.intersects(b),
-                    _ => true,
-                };
-                if can_meet && [a, b].iter().all(|&k| is_swept(&self.bodies[k])) {
+        for (m, plan) in self.plan.muscles.iter().enumerate() {
+            for &other in &plan.partners {
+                if let (Some(a), Some(b)) = (body_of(m), body_of(other))
+                    && [a, b].iter().all(|&k| is_swept(&self.bodies[k]))
+                {
                     partners.push([a, b]);
                 }
             }
@@ -118,9 +105,9 @@ impl Simulation {
             thickness: contact.thickness,
             over_bone: OVER_VERTEX,
             friction: contact.friction,
-            others: true,
-            bones: true,
-            itself: true,
+            others: contact.between.muscles,
+            bones: contact.between.bones,
+            itself: contact.between.itself,
         };
         let obstacles: Vec<Vec<usize>> = members
             .iter()

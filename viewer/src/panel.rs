@@ -469,6 +469,8 @@ impl List {
                 let target = Target::Path(path);
                 self.other(group, key.label, target, kind, Value::Whole(value));
             }
+            // What meets is decided by the scene.
+            KeyValue::Names(..) => {}
             KeyValue::Order(value) => {
                 let names = SweepOrder::NAMES.map(|(name, _)| name).to_vec();
                 let chosen = SweepOrder::NAMES
