@@ -42,6 +42,8 @@
 
 mod active_normals;
 #[cfg(feature = "contact")]
+pub(crate) mod apart;
+#[cfg(feature = "contact")]
 pub(crate) mod broad_phase;
 pub(crate) mod capsule;
 mod faces;

@@ -120,14 +120,14 @@ pub(crate) fn is_sample_inside(
 }
 
 /// The constraints that keep the shape during the removal.
-struct Shape {
+pub(super) struct Shape {
     stretch: Batch<Distance, 2>,
     bending: Batch<Bending, 4>,
-    volume: EnclosedVolume,
+    pub volume: EnclosedVolume,
 }
 
 impl Shape {
-    fn new(mesh: &TriangleMesh) -> Self {
+    pub fn new(mesh: &TriangleMesh) -> Self {
         let topology = Topology::new(mesh);
         let count = mesh.vertices.len();
         let lengths = topology.edge_lengths(mesh);
@@ -168,7 +168,8 @@ impl Shape {
         }
     }
 
-    fn relax(&mut self, particles: &mut Particles) {
+    /// Moves the particles towards the lengths, angles and volume of the shape.
+    pub fn relax(&mut self, particles: &mut Particles) {
         for _ in 0..2 {
             self.stretch.begin_step();
             self.bending.begin_step();
