@@ -11,6 +11,9 @@ use crate::contact::{Obstacle, OnTriangle};
 /// A triangle faces the side of a vertex if its normal has at least this cosine with it.
 const FACING: f64 = 0.2;
 
+/// The way out that faces a surface may be this many times as long as the shortest one.
+const FARTHER: f64 = 4.0;
+
 /// The vertices of surface `a` with what is known of their distances to surface `b`.
 #[derive(Default)]
 pub(super) struct Watch {
@@ -135,16 +138,19 @@ impl Pair<'_> {
             None if inside && !self.faces(nearest.triangle, &-own) => -own,
             None => return Some(nearest),
         };
-        let size = self.b.bounds.extents().norm();
+        let most = match side {
+            Some(_) => self.b.bounds.extents().norm(),
+            None => FARTHER * nearest.closest.distance.abs() + self.most,
+        };
         let mut reach = 2.0 * nearest.closest.distance.abs() + self.gap;
         let mut near = Vec::new();
-        while reach < 2.0 * size {
+        while reach < 2.0 * most {
             near.clear();
             self.b.surface.within(p, reach, &mut near);
             near.retain(|t| self.faces(*t, &towards));
             let x = self.b.surface.positions();
             let on = self.b.surface.nearest_among(p, &near, u32::MAX, x);
-            if let Some(on) = on.filter(|on| on.closest.distance.abs() <= reach) {
+            if let Some(on) = on.filter(|on| on.closest.distance.abs() <= reach.min(most)) {
                 return Some(on);
             }
             reach *= 2.0;
