@@ -115,16 +115,18 @@ pub fn part(
         if verbose && (round % 10 == 0 || round < 6) {
             eprintln!("round {round}: {} crossings {} pushes {:?}", seen.count(), seen.pushes.len(), seen.crossing.iter().filter(|c| !c.1.is_empty()).map(|c| (&scene.all[c.0[0]].name[..8], &scene.all[c.0[1]].name[..8], c.1.len())).collect::<Vec<_>>()); eprintln!("   volumes {:?} worst lack {:?}", scene.all.iter().filter(|s| !s.is_rigid()).map(|s| (1e4*(s.present_volume()/s.volume-1.0)).round()).collect::<Vec<_>>(), seen.depth.iter().map(|d| (d*1e5).round()/100.0).collect::<Vec<_>>());
         }
-        if last && seen.is_clear() && scene.holds_volumes() {
+        if last && seen.is_clear() && scene.holds_volumes() && scene.all[..scene.soft].iter().all(|s| s.folded().is_none()) {
             break;
         }
         scene.activate(&seen);
         apply(&mut scene.all, &seen.pushes, SWEEPS);
+        let folded = scene.unfold();
         if last {
             scene.keep_volumes(&seen.pushes);
         } else {
-            scene.relax();
+            scene.relax(&seen.pushes);
         }
+        if verbose && folded > 0 && round % 10 == 9 { eprintln!("   folded {folded}"); }
         seen = scene.look(std::env::var("NOSIDES").is_err() && round % LOOK == LOOK - 1);
     }
     match seen.crossing.iter().find(|(_, crossing)| !crossing.is_empty()) {
@@ -288,25 +290,55 @@ impl Scene {
         }
     }
 
-    fn relax(&mut self) {
+    fn relax(&mut self, pushes: &[Push]) {
+        let held = self.held(pushes);
         self.all
             .par_iter_mut()
             .zip(&self.active)
-            .filter(|(_, active)| **active)
-            .for_each(|(solid, _)| {
-                let Solid { shape, particles, .. } = solid;
-                shape.iter_mut().for_each(|shape| shape.relax(particles));
+            .zip(&held)
+            .filter(|((_, active), _)| **active)
+            .for_each(|((solid, _), held)| {
+                solid.relax(held);
                 solid.refit();
             });
     }
 
-    /// Brings the volumes to those at the start, by motion of vertices that nothing pushes.
-    fn keep_volumes(&mut self, pushes: &[Push]) {
+    /// Smooths muscles where they cross themselves. Returns the number of such muscles.
+    fn unfold(&mut self) -> usize {
+        self.all
+            .par_iter_mut()
+            .zip(&self.active)
+            .filter(|(_, active)| **active)
+            .map(|(solid, _)| match solid.folded() {
+                None => 0,
+                Some(folded) => {
+                    solid.smooth(&folded);
+                    solid.refit();
+                    1
+                }
+            })
+            .sum()
+    }
+
+    /// For each surface the vertices that pushes hold.
+    fn held(&self, pushes: &[Push]) -> Vec<Vec<bool>> {
         let mut held: Vec<Vec<bool>> = self.all.iter().map(|s| vec![false; s.x().len()]).collect();
         for push in pushes {
-            push.point.iter().for_each(|(v, _)| held[push.of[0]][*v as usize] = true);
-            push.triangle.iter().for_each(|(v, _)| held[push.of[1]][*v as usize] = true);
+            let [point, triangle] = push.of;
+            push.point
+                .iter()
+                .filter(|(_, weight)| *weight > 0.0)
+                .for_each(|(v, _)| held[point][*v as usize] = true);
+            push.triangle
+                .iter()
+                .for_each(|(v, _)| held[triangle][*v as usize] = true);
         }
+        held
+    }
+
+    /// Brings the volumes to those at the start, by motion of vertices that nothing pushes.
+    fn keep_volumes(&mut self, pushes: &[Push]) {
+        let held = self.held(pushes);
         self.all
             .par_iter_mut()
             .zip(&self.active)

@@ -47,6 +47,29 @@ fn crossings_of(a: &Solid, b: &Solid, s: u32) -> Vec<[u32; 2]> {
     near.into_iter().map(|t| [s, t]).collect()
 }
 
+/// The pairs of triangles of one surface that share a point other than their common corners, the
+/// lower first, ascending; exact.
+pub(super) fn of_itself(a: &Solid) -> Vec<[u32; 2]> {
+    (0..a.triangles().len() as u32)
+        .into_par_iter()
+        .with_min_len(256)
+        .flat_map_iter(|s| {
+            let bounds = Aabb::of_points(&a.corners(s));
+            let mut near = Vec::new();
+            let reach = 0.5 * bounds.extents().amax();
+            a.surface.within(&bounds.center(), reach, &mut near);
+            near.retain(|&t| {
+                let [one, other] = [s, t].map(|t| a.triangles()[t as usize]);
+                t > s
+                    && Aabb::of_points(&a.corners(t)).intersects(&bounds)
+                    && predicates::intersect(one, other, |v| a.x()[v as usize])
+            });
+            near.sort_unstable();
+            near.into_iter().map(move |t| [s, t])
+        })
+        .collect()
+}
+
 fn share_a_point(one: &[Point3<f64>; 3], other: &[Point3<f64>; 3]) -> bool {
     predicates::intersect([0, 1, 2], [3, 4, 5], |v| match v {
         0..3 => one[v as usize],

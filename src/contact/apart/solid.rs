@@ -2,13 +2,21 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use crate::constraints::distance::Distance;
+use crate::constraints::order::SweepOrder;
+use crate::constraints::{Batch, Project};
 use crate::contact::surface::Surface;
 use crate::contact::untangle::Shape;
 use crate::contact::Obstacle;
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::Aabb;
+use crate::mesh::measures::{Aabb, median};
 use crate::mesh::topology::Topology;
 use crate::particles::Particles;
+
+/// A body is thin where it is at most this many median edges thick.
+const THIN: f64 = 4.0;
+/// Share of the way back to its position as read that a free vertex makes in a round.
+const RETURN: f64 = 0.1;
 
 /// A soft or rigid surface in the common frame.
 pub(super) struct Solid {
@@ -27,7 +35,11 @@ pub(super) struct Solid {
     pub bounds: Aabb,
     /// The constraints that keep a soft shape; `None` for a bone.
     pub shape: Option<Shape>,
-    /// Positions at the start [m].
+    /// Distances across a soft body, which keep its walls apart.
+    struts: Option<Batch<Distance, 2>>,
+    /// Neighbours of each vertex along edges and struts: offsets and neighbours.
+    neighbours: (Vec<u32>, Vec<u32>),
+    /// Positions as read [m].
     pub start: Vec<Point3<f64>>,
     /// Enclosed volume at the start [m^3].
     pub volume: f64,
@@ -43,6 +55,119 @@ impl Solid {
             particles: Particles::at_rest(mesh.vertices.clone(), inverse_mass),
             ..Self::rigid(name, mesh, &Isometry3::identity())
         }
+        .with_struts()
+    }
+
+    fn with_struts(mut self) -> Self {
+        let count = self.x().len();
+        let across = self.across();
+        let mut joined: Vec<[u32; 2]> = self.topology.edges.clone();
+        joined.extend(&across);
+        let mut starts = vec![0u32; count + 1];
+        joined.iter().flatten().for_each(|v| starts[*v as usize + 1] += 1);
+        (0..count).for_each(|v| starts[v + 1] += starts[v]);
+        let mut next = starts.clone();
+        let mut neighbours = vec![0; 2 * joined.len()];
+        for [a, b] in joined {
+            for (from, to) in [(a, b), (b, a)] {
+                neighbours[next[from as usize] as usize] = to;
+                next[from as usize] += 1;
+            }
+        }
+        self.neighbours = (starts, neighbours);
+        let struts: Vec<Distance> = across
+            .iter()
+            .map(|&points| {
+                let [a, b] = points.map(|v| self.start[v as usize]);
+                let rest = (a - b).norm();
+                Distance { points, rest }
+            })
+            .collect();
+        let compliance = vec![1.0; struts.len()];
+        let order = SweepOrder::Coloured;
+        self.struts = Some(Batch::new(struts, compliance, order, count, &[]));
+        self
+    }
+
+    /// Pairs of vertices across the body from each other, where it is thin.
+    fn across(&self) -> Vec<[u32; 2]> {
+        let lengths = self.topology.edges.iter().map(|e| {
+            let [a, b] = e.map(|v| self.start[v as usize]);
+            (a - b).norm()
+        });
+        let edge = median(lengths.collect()).unwrap_or(0.0);
+        let mut pairs: Vec<[u32; 2]> = Vec::new();
+        for (v, (x, normal)) in self.start.iter().zip(&self.normals).enumerate() {
+            let from = x - normal * (1e-3 * edge);
+            let Some((triangle, weights)) = self.surface.first_hit(&from, &-normal) else {
+                continue;
+            };
+            let corners = self.triangles()[triangle as usize];
+            let far = (1..3).fold(0, |k, l| if weights[l] > weights[k] { l } else { k });
+            let (v, w) = (v as u32, corners[far]);
+            let away = (x - self.start[w as usize]).norm();
+            if v != w && away <= THIN * edge && self.topology.find_edge(v, w).is_none() {
+                pairs.push([v.min(w), v.max(w)]);
+            }
+        }
+        pairs.sort_unstable();
+        pairs.dedup();
+        pairs
+    }
+
+    /// Lets a soft shape return towards that at rest, and vertices that are not `held` towards
+    /// their positions as read.
+    pub fn relax(&mut self, held: &[bool]) {
+        let Self { shape, struts, particles, start, .. } = self;
+        for ((x, held), (start, w)) in particles
+            .position
+            .iter_mut()
+            .zip(held)
+            .zip(start.iter().zip(&particles.inverse_mass))
+        {
+            if !held && *w > 0.0 {
+                *x += (*start - *x) * RETURN;
+            }
+        }
+        if let (Some(shape), Some(struts)) = (shape, struts) {
+            struts.begin_step();
+            struts.project(particles, 1.0);
+            shape.relax(particles);
+        }
+    }
+
+    /// Brings the displacement of the vertices in `among` nearer to that of their neighbours.
+    pub fn smooth(&mut self, among: &[bool]) {
+        let (starts, neighbours) = &self.neighbours;
+        let displaced = |v: usize| self.particles.position[v] - self.start[v];
+        let mut new = self.particles.position.clone();
+        for v in (0..among.len()).filter(|&v| among[v] && self.particles.inverse_mass[v] > 0.0) {
+            let around = &neighbours[starts[v] as usize..starts[v + 1] as usize];
+            let sum = around
+                .iter()
+                .fold(Vector3::zeros(), |sum, &w| sum + displaced(w as usize));
+            new[v] = self.start[v] + 0.5 * (displaced(v) + sum / (around.len().max(1) as f64));
+        }
+        self.particles.position = new;
+    }
+
+    /// The vertices of triangles of this surface that cross others of it, with their neighbours;
+    /// `None` if no two cross.
+    pub fn folded(&self) -> Option<Vec<bool>> {
+        let crossing = super::crossing::of_itself(self);
+        if crossing.is_empty() {
+            return None;
+        }
+        let mut at = vec![false; self.x().len()];
+        let corners = crossing.iter().flatten().flat_map(|&t| self.triangles()[t as usize]);
+        corners.for_each(|v| at[v as usize] = true);
+        let (starts, neighbours) = &self.neighbours;
+        let mut with = at.clone();
+        for v in (0..at.len()).filter(|&v| at[v]) {
+            let around = starts[v] as usize..starts[v + 1] as usize;
+            neighbours[around].iter().for_each(|&w| with[w as usize] = true);
+        }
+        Some(with)
     }
 
     /// A bone at a pose.
@@ -61,6 +186,8 @@ impl Solid {
             normals: mesh.vertex_normals(),
             bounds: mesh.bounding_box(),
             shape: None,
+            struts: None,
+            neighbours: Default::default(),
             volume: mesh.volume(),
             start: mesh.vertices,
             travelled: 0.0,
