@@ -2,6 +2,7 @@
 //! begins.
 
 mod crossing;
+mod overlap;
 mod push;
 mod sides;
 mod solid;
@@ -9,11 +10,13 @@ mod solid;
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
-use crossing::{Piercing, crossings, piercings};
+use crossing::{Faced, Piercing, crossings, piercings};
+use overlap::Overlap;
 use push::{Pair, Push, Watch, apply};
 use sides::Sides;
 use solid::Solid;
 
+use crate::contact::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 use crate::particles::Slot;
@@ -26,6 +29,8 @@ const LOOK: usize = 10;
 const LAST: usize = 200;
 /// Number of sweeps over the pushes of one round.
 const SWEEPS: usize = 4;
+/// Inverse mass of a held vertex, relative to a free one.
+const HELD: f64 = 0.25;
 /// Greatest relative error of a volume.
 const VOLUME: f64 = 1e-9;
 
@@ -35,11 +40,12 @@ pub struct SoftBody<'a> {
     pub name: &'a str,
     /// Its surface as read, whose edges, angles and volume are kept as far as possible.
     pub mesh: &'a TriangleMesh,
-    /// Its positions now [m].
-    pub start: &'a [Point3<f64>],
-    /// Inverse mass of each vertex, without unit: 1 for one that may move freely, less for one that
-    /// others should yield to, 0 for one that is fixed.
-    pub inverse_mass: Vec<f64>,
+    /// The same surface at its positions now.
+    pub surface: &'a Surface,
+    /// Vertices held by bones, which yield less than free ones.
+    pub held: Vec<u32>,
+    /// True if it may not move at all.
+    pub fixed: bool,
 }
 
 /// A bone from which muscles are parted.
@@ -47,18 +53,29 @@ pub struct RigidBody<'a> {
     /// Its name.
     pub name: &'a str,
     /// Its surface in its own frame.
-    pub mesh: &'a TriangleMesh,
+    pub surface: &'a Surface,
     /// Its pose.
     pub pose: Isometry3<f64>,
 }
 
 /// Distances to keep.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gaps {
     /// Between a muscle and a bone [m].
     pub to_bones: f64,
     /// Between two muscles [m].
     pub between: f64,
+}
+
+/// Motion of a muscle from its positions as read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moved {
+    /// Root mean square over the vertices [m].
+    pub rms: f64,
+    /// Greatest of a vertex [m].
+    pub max: f64,
+    /// Relative change of the enclosed volume.
+    pub volume_change: f64,
 }
 
 /// What the parting of two surfaces found and did.
@@ -70,13 +87,17 @@ pub struct PartedPair {
     pub depth: f64,
     /// Number of pairs of triangles that crossed before.
     pub crossings: usize,
+    /// Motion of the muscle of the pair that moved more, over all its vertices.
+    pub moved: Moved,
 }
 
 /// Muscles without overlap.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parted {
-    /// Positions of each muscle [m].
-    pub positions: Vec<Vec<Point3<f64>>>,
+    /// New positions of each muscle [m]; `None` for a muscle that did not move.
+    pub positions: Vec<Option<Vec<Point3<f64>>>>,
+    /// Motion of each muscle.
+    pub moved: Vec<Moved>,
     /// The pairs that overlapped.
     pub pairs: Vec<PartedPair>,
 }
@@ -104,11 +125,17 @@ pub fn part(
     rigid: &[RigidBody<'_>],
     gaps: Gaps,
 ) -> Result<Parted, Inseparable> {
+    let overlaps = overlap::find(soft, rigid);
+    if overlaps.is_empty() {
+        return Ok(Parted {
+            positions: vec![None; soft.len()],
+            moved: vec![Moved::default(); soft.len()],
+            pairs: Vec::new(),
+        });
+    }
     let mut scene = Scene::new(soft, rigid, gaps);
     let mut seen = scene.look(true);
-    if seen.is_clear() {
-        return Ok(scene.result(soft.len()));
-    }
+    let smoothing = [param("S0", 10.0), param("S1", 4.0), param("S2", 2.0), param("S3", 1.0)].map(|s| s as usize);
     let verbose = std::env::var("APART").is_ok();
     for round in 0..ROUNDS + LAST {
         let last = round >= ROUNDS;
@@ -124,26 +151,23 @@ pub fn part(
         if last {
             scene.keep_volumes(&seen.pushes);
         } else {
-            scene.relax(&seen.pushes);
+            scene.relax(&seen.pushes, smoothing[(4 * round / ROUNDS).min(3)]);
         }
         if verbose && folded > 0 && round % 10 == 9 { eprintln!("   folded {folded}"); }
         seen = scene.look(std::env::var("NOSIDES").is_err() && round % LOOK == LOOK - 1);
     }
-    match seen.crossing.iter().find(|(_, crossing)| !crossing.is_empty()) {
-        None => Ok(scene.result(soft.len())),
-        Some((of, crossing)) => {
-            let place = scene.all[of[0]].corners(crossing[0][0])[0];
-            if verbose {
-                eprintln!("left {}", seen.count());
-                return Ok(scene.result(soft.len()));
-            }
-            Err(Inseparable {
-                pair: of.map(|s| scene.all[s].name.clone()),
-                place: place.into(),
-                crossings: crossing.len(),
-            })
+    if let Some((of, crossings, place)) = scene.worst(&seen) {
+        if verbose {
+            eprintln!("left {crossings} {of:?}");
+        } else {
+        return Err(Inseparable {
+            pair: of.map(|s| scene.all[s].name.clone()),
+            place: place.into(),
+            crossings,
+        });
         }
     }
+    Ok(scene.result(overlaps))
 }
 
 /// All surfaces, muscles first.
@@ -157,7 +181,6 @@ struct Scene {
     /// True for muscles that may move.
     active: Vec<bool>,
     inverse_mass: Vec<Vec<f64>>,
-    pairs: Vec<PartedPair>,
 }
 
 /// What one look at all pairs finds.
@@ -183,18 +206,14 @@ impl Seen {
 impl Scene {
     fn new(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>], gaps: Gaps) -> Self {
         let muscles = soft.par_iter().map(|body| {
-            let count = body.start.len();
-            let mut solid = Solid::soft(body.name, body.mesh, vec![0.0; count]);
-            solid.particles.position.copy_from_slice(body.start);
+            let mut solid = Solid::soft(body.name, body.mesh);
+            solid.particles.position.copy_from_slice(body.surface.positions());
             solid.refit();
             solid
         });
         let mut all: Vec<Solid> = muscles.collect();
-        all.par_extend(
-            rigid
-                .par_iter()
-                .map(|body| Solid::rigid(body.name, body.mesh, &body.pose)),
-        );
+        let bones = rigid.par_iter();
+        all.par_extend(bones.map(|body| Solid::rigid(body.name, body.surface, &body.pose)));
         let count = all.len();
         Self {
             soft: soft.len(),
@@ -202,8 +221,7 @@ impl Scene {
             watches: (0..count * count).map(|_| Watch::default()).collect(),
             sides: vec![Sides::new(); count * count],
             active: vec![false; count],
-            inverse_mass: soft.iter().map(|body| body.inverse_mass.clone()).collect(),
-            pairs: Vec::new(),
+            inverse_mass: soft.iter().map(inverse_mass).collect(),
             all,
         }
     }
@@ -221,7 +239,8 @@ impl Scene {
     fn look(&mut self, sides: bool) -> Seen {
         let mut seen = Seen::default();
         for [i, j] in self.near() {
-            let crossing = crossings(&self.all[i], &self.all[j]);
+            let [one, other] = [i, j].map(|s| Faced::new(self.all[s].x(), &self.all[s].surface));
+            let crossing = crossings(&one, &other);
             let mut depth = 0.0;
             for (of, from) in [([i, j], 0), ([j, i], 1)] {
                 let pierced = {
@@ -253,25 +272,27 @@ impl Scene {
             a: &self.all[of[0]],
             b: &self.all[of[1]],
             gap: if soft { self.gaps.between } else { self.gaps.to_bones },
-            most: self.gaps.to_bones,
+            most: param("MOST", 1e3*self.gaps.to_bones)*1e-3,
             sides: &self.sides[of[0] * self.all.len() + of[1]],
         }
     }
 
+    /// Finds the vertices of a muscle that must leave another surface on a given side.
     fn find_sides(&mut self, of: [usize; 2], pierced: &[Piercing]) {
         let pair = self.pair(of);
-        let lost = sides::lost(pair.a, &pair.inside(), pierced);
-        if !lost.contains(&true) {
-            return;
-        }
+        let exits = pair.exits();
+        let inside: Vec<bool> = exits.iter().map(Option::is_some).collect();
+        let lost = sides::lost(pair.a, &inside, pierced);
         let at = of[0] * self.all.len() + of[1];
         let mut sides = std::mem::take(&mut self.sides[at]);
         sides.resize(lost.len(), None);
-        sides::directions(&self.all[of[0]], &self.all[of[1]], &lost, pierced, &mut sides);
-        self.watches[at] = Watch::default();
+        let [a, b] = of.map(|s| &self.all[s]);
+        sides::directions(a, b, &lost, pierced, &mut sides);
+        sides::common(a, &exits, &mut sides);
         if std::env::var("APART").is_ok() {
-            if false { eprintln!("sides {} in {}: {} lost, {} known", self.all[of[0]].name, self.all[of[1]].name, lost.iter().filter(|l| **l).count(), sides.iter().flatten().count()); }
+            eprintln!("sides {} in {}: {} lost, {} known", self.all[of[0]].name, self.all[of[1]].name, lost.iter().filter(|l| **l).count(), sides.iter().flatten().count());
         }
+        self.watches[at] = Watch::default();
         self.sides[at] = sides;
     }
 
@@ -290,7 +311,7 @@ impl Scene {
         }
     }
 
-    fn relax(&mut self, pushes: &[Push]) {
+    fn relax(&mut self, pushes: &[Push], smoothing: usize) {
         let held = self.held(pushes);
         self.all
             .par_iter_mut()
@@ -298,7 +319,7 @@ impl Scene {
             .zip(&held)
             .filter(|((_, active), _)| **active)
             .for_each(|((solid, _), held)| {
-                solid.relax(held);
+                solid.relax(held, smoothing);
                 solid.refit();
             });
     }
@@ -362,11 +383,58 @@ impl Scene {
         muscles.map(|(s, _)| s).all(|s| (s.present_volume() / s.volume - 1.0).abs() <= VOLUME)
     }
 
-    fn result(self, soft: usize) -> Parted {
-        let positions = self.all.into_iter().take(soft).map(|s| s.particles.position);
-        Parted {
-            positions: positions.collect(),
-            pairs: self.pairs,
-        }
+    /// The pair with most crossings that is left, or one in which a body is inside the other, with
+    /// the number of crossings and a place [m].
+    fn worst(&self, seen: &Seen) -> Option<([usize; 2], usize, Point3<f64>)> {
+        let count = |k: &usize| seen.crossing[*k].1.len();
+        let all = 0..seen.crossing.len();
+        let is_left = |k: &usize| count(k) > 0 || seen.depth[*k] > 0.0;
+        let worst = all.filter(is_left).max_by_key(count)?;
+        let (of, crossing) = &seen.crossing[worst];
+        let place = crossing.first().map_or(self.all[of[0]].x()[0], |[s, _]| {
+            self.all[of[0]].corners(*s)[0]
+        });
+        Some((*of, crossing.len(), place))
     }
+
+    fn result(self, overlaps: Vec<Overlap>) -> Parted {
+        let mut parted = Parted::default();
+        for (solid, active) in self.all.iter().zip(&self.active).take(self.soft) {
+            parted.moved.push(solid.moved());
+            parted.positions.push(active.then(|| solid.x().to_vec()));
+        }
+        for overlap in overlaps {
+            let muscles = overlap.of.iter().filter(|&&s| s < self.soft);
+            let moved = muscles.map(|&s| parted.moved[s]);
+            let most = moved.max_by(|a, b| a.rms.total_cmp(&b.rms));
+            parted.pairs.push(PartedPair {
+                pair: overlap.of.map(|s| self.all[s].name.clone()),
+                depth: overlap.depth,
+                crossings: overlap.crossings,
+                moved: most.unwrap_or_default(),
+            });
+        }
+        parted
+    }
+}
+
+/// Inverse mass of each vertex of a muscle, without unit.
+fn inverse_mass(body: &SoftBody<'_>) -> Vec<f64> {
+    let free = if body.fixed { 0.0 } else { 1.0 };
+    let mut all = vec![free; body.mesh.vertices.len()];
+    for &v in &body.held {
+        all[v as usize] = HELD * free;
+    }
+    all
+}
+
+pub(super) fn param(name: &str, default: f64) -> f64 {
+    use std::collections::HashMap;
+    use std::sync::OnceLock;
+    static ALL: OnceLock<HashMap<String, f64>> = OnceLock::new();
+    let all = ALL.get_or_init(|| {
+        let text = std::env::var("PARAMS").unwrap_or_default();
+        text.split(',').filter_map(|p| p.split_once('=')).map(|(k, v)| (k.to_owned(), v.parse().unwrap_or(0.0))).collect()
+    });
+    all.get(name).copied().unwrap_or(default)
 }

@@ -17,6 +17,7 @@ pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod skin;
 pub(crate) mod springs;
+mod start;
 mod steer;
 
 pub use attachments::component;
@@ -39,6 +40,8 @@ pub use measures::Measures;
 pub use plan::Plan;
 pub use run::{Ended, Observer, run};
 pub(crate) use scenario::BodyState;
+use start::Start;
+pub use crate::contact::apart::PartedPair;
 pub use scenario::{
     BodyDescription, FrameState, GeometricRun, Scenario, ScenarioError, ScenarioKind,
     SceneDescription, Stepped, scenario, scenario_with,
@@ -65,6 +68,8 @@ pub struct Simulation {
     pub plan: Plan,
     /// Muscles.
     pub bodies: Vec<Body>,
+    /// Pairs of muscles, or of a muscle and a bone, that overlapped before the start.
+    pub parted: Vec<PartedPair>,
     /// Bone meshes in their own frame.
     pub bones: Vec<TriangleMesh>,
     /// Notes from reading and from the run.
@@ -102,8 +107,10 @@ impl Simulation {
         for (placed, capsule) in placed[scene.bones.len()..].iter_mut().zip(&scene.capsules) {
             placed.obstacle = assets.ready.capsule(capsule.segment, capsule.radius);
         }
+        let start = Start::new(&scene, &assets, &plan, &placed, &surfaces)?;
         let bodies = (0..scene.muscles.len())
-            .map(|m| Body::new(&scene, &assets, m, &plan.muscles[m], &placed))
+            .zip(start.muscles)
+            .map(|(m, start)| Body::new(&scene, &assets, m, &plan.muscles[m], &placed, start))
             .collect::<Result<Vec<_>, _>>()?;
         let mut notes = Vec::new();
         for (bone, found) in scene.bones.iter().zip(&assets.bone_notes) {
@@ -116,6 +123,7 @@ impl Simulation {
         Ok(Self {
             plan,
             bodies,
+            parted: start.pairs,
             bones: assets.bones,
             notes,
             surfaces,
@@ -284,6 +292,7 @@ impl State for Simulation {
             scene: _,
             plan: _,
             bodies,
+            parted: _,
             bones: _,
             notes,
             surfaces: _,

@@ -4,6 +4,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::solid::Solid;
+use crate::contact::surface::Surface;
 use crate::mesh::measures::Aabb;
 use crate::mesh::predicates;
 
@@ -18,32 +19,52 @@ pub(super) struct Piercing {
     pub triangle: u32,
 }
 
-/// The pairs of triangles of `a` and `b` that share a point, ascending; exact.
-pub(super) fn crossings(a: &Solid, b: &Solid) -> Vec<[u32; 2]> {
+/// The triangles of a surface with positions in the frame of another one.
+pub(super) struct Faced<'a> {
+    x: &'a [Point3<f64>],
+    surface: &'a Surface,
+    /// Bounds of the positions [m].
+    pub bounds: Aabb,
+}
+
+impl<'a> Faced<'a> {
+    /// The triangles of `surface` with positions `x` [m].
+    pub fn new(x: &'a [Point3<f64>], surface: &'a Surface) -> Self {
+        let bounds = Aabb::of_points(x);
+        Self { x, surface, bounds }
+    }
+
+    fn corners(&self, t: u32) -> [Point3<f64>; 3] {
+        self.surface.triangles()[t as usize].map(|v| self.x[v as usize])
+    }
+}
+
+/// The pairs of triangles of `a` and `b` that share a point, ascending; exact. The positions of `b`
+/// are those of its hierarchy.
+pub(super) fn crossings(a: &Faced<'_>, b: &Faced<'_>) -> Vec<[u32; 2]> {
     if !a.bounds.intersects(&b.bounds) {
         return Vec::new();
     }
-    (0..a.triangles().len() as u32)
+    (0..a.surface.triangles().len() as u32)
         .into_par_iter()
         .with_min_len(256)
         .flat_map_iter(|s| crossings_of(a, b, s))
         .collect()
 }
 
-fn crossings_of(a: &Solid, b: &Solid, s: u32) -> Vec<[u32; 2]> {
+fn crossings_of(a: &Faced<'_>, b: &Faced<'_>, s: u32) -> Vec<[u32; 2]> {
     let one = a.corners(s);
     let bounds = Aabb::of_points(&one);
     if !bounds.intersects(&b.bounds) {
         return Vec::new();
     }
     let mut near = Vec::new();
-    b.surface
-        .within(&bounds.center(), 0.5 * bounds.extents().amax(), &mut near);
+    let reach = 0.5 * bounds.extents().amax();
+    b.surface.within(&bounds.center(), reach, &mut near);
     near.retain(|&t| {
         let other = b.corners(t);
         Aabb::of_points(&other).intersects(&bounds) && share_a_point(&one, &other)
     });
-    near.sort_unstable();
     near.into_iter().map(|t| [s, t]).collect()
 }
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::crossing::Piercing;
 use super::sides::Sides;
 use super::solid::Solid;
-use crate::contact::{Obstacle, OnTriangle};
+use crate::contact::OnTriangle;
 
 /// A triangle faces the side of a vertex if its normal has at least this cosine with it.
 const FACING: f64 = 0.2;
@@ -122,16 +122,7 @@ impl Pair<'_> {
         side: Option<Vector3<f64>>,
         own: Vector3<f64>,
     ) -> Option<OnTriangle> {
-        let mut nearest = self.b.surface.nearest(p, f64::MAX)?;
-        if !self.b.is_rigid() {
-            // A surface that crosses itself for a while has wrong pseudo-normals there.
-            let x = self.b.surface.positions();
-            let inside = self.b.bounds.contains(p) && self.b.surface.winds_about(p, x, 0.0) > 0;
-            if inside == (nearest.closest.distance >= 0.0) {
-                nearest.closest.distance *= -1.0;
-                nearest.closest.normal *= -1.0;
-            }
-        }
+        let nearest = self.signed(p)?;
         let inside = nearest.closest.distance < 0.0;
         let towards = match side {
             Some(side) => side,
@@ -177,13 +168,29 @@ impl Pair<'_> {
         }
     }
 
-    /// For each vertex of `a` whether it is inside `b`.
-    pub fn inside(&self) -> Vec<bool> {
-        let is_inside = |p: &Point3<f64>| {
-            self.b.bounds.contains(p)
-                && self.b.surface.closest(p).is_some_and(|on| on.distance < 0.0)
+    /// For each vertex of `a` inside `b` the direction of the nearest way out.
+    pub fn exits(&self) -> Vec<Option<Vector3<f64>>> {
+        let exit = |p: &Point3<f64>| {
+            let bounds = &self.b.bounds;
+            let on = bounds.contains(p).then(|| self.signed(p)).flatten()?;
+            (on.closest.distance < 0.0).then_some(on.closest.normal)
         };
-        self.a.x().par_iter().with_min_len(128).map(is_inside).collect()
+        self.a.x().par_iter().with_min_len(128).map(exit).collect()
+    }
+
+    /// The nearest point of the body.
+    fn signed(&self, p: &Point3<f64>) -> Option<OnTriangle> {
+        let mut nearest = self.b.surface.nearest(p, f64::MAX)?;
+        if !self.b.is_rigid() {
+            // A surface that crosses itself for a while has wrong pseudo-normals there.
+            let x = self.b.surface.positions();
+            let inside = self.b.bounds.contains(p) && self.b.surface.winds_about(p, x, 0.0) > 0;
+            if inside == (nearest.closest.distance >= 0.0) {
+                nearest.closest.distance *= -1.0;
+                nearest.closest.normal *= -1.0;
+            }
+        }
+        Some(nearest)
     }
 }
 

@@ -17,6 +17,8 @@ pub(super) type Sides = Vec<Option<Vector3<f64>>>;
 
 /// A part with at least this share of a surface is on its own side.
 const OWN: f64 = 0.25;
+/// Number of sweeps that average directions over neighbours.
+const SMOOTHING: usize = 20;
 
 /// The vertices of `a` on a wrong side of the other surface, with those inside it between them and
 /// the rest. `inside` is true for vertices of `a` in the other surface; `piercings` are its edges
@@ -95,5 +97,36 @@ pub(super) fn directions(
                 queue.push_back(w);
             }
         }
+    }
+}
+
+/// Gives the vertices of `a` where both of its walls are in another surface one direction to leave
+/// it: the mean of the nearest ways out `exits` (`None` outside) over their neighbours. Their own
+/// walls would send them to opposite sides.
+pub(super) fn common(a: &Solid, exits: &[Option<Vector3<f64>>], sides: &mut Sides) {
+    let mut within = vec![false; exits.len()];
+    for pair in &a.opposite {
+        let [v, w] = pair.map(|v| v as usize);
+        if exits[v].is_some() && exits[w].is_some() {
+            (within[v], within[w]) = (true, true);
+        }
+    }
+    let fixed: Vec<bool> = (0..exits.len()).map(|v| sides[v].is_some()).collect();
+    let mut now: Vec<Vector3<f64>> = (0..exits.len())
+        .map(|v| sides[v].or(exits[v]).filter(|_| within[v]).unwrap_or_default())
+        .collect();
+    let (starts, neighbours) = &a.neighbours;
+    for _ in 0..SMOOTHING {
+        let before = now.clone();
+        for v in (0..exits.len()).filter(|&v| within[v] && !fixed[v]) {
+            let around = &neighbours[starts[v] as usize..starts[v + 1] as usize];
+            let sum = around
+                .iter()
+                .fold(before[v], |sum, &w| sum + before[w as usize]);
+            now[v] = sum / (1.0 + around.len() as f64);
+        }
+    }
+    for v in (0..exits.len()).filter(|&v| within[v] && !fixed[v]) {
+        sides[v] = now[v].try_normalize(1e-3);
     }
 }

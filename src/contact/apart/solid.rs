@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use super::Moved;
 use crate::constraints::distance::Distance;
 use crate::constraints::order::SweepOrder;
 use crate::constraints::{Batch, Project};
@@ -9,7 +10,8 @@ use crate::contact::surface::Surface;
 use crate::contact::untangle::Shape;
 use crate::contact::Obstacle;
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::{Aabb, median};
+use crate::mesh::measures::{Aabb, max_or_nan, median};
+use crate::mesh::sum::tree_sum;
 use crate::mesh::topology::Topology;
 use crate::particles::Particles;
 
@@ -37,8 +39,10 @@ pub(super) struct Solid {
     pub shape: Option<Shape>,
     /// Distances across a soft body, which keep its walls apart.
     struts: Option<Batch<Distance, 2>>,
+    /// The pairs of vertices across a soft body from each other.
+    pub opposite: Vec<[u32; 2]>,
     /// Neighbours of each vertex along edges and struts: offsets and neighbours.
-    neighbours: (Vec<u32>, Vec<u32>),
+    pub neighbours: (Vec<u32>, Vec<u32>),
     /// Positions as read [m].
     pub start: Vec<Point3<f64>>,
     /// Enclosed volume at the start [m^3].
@@ -48,12 +52,11 @@ pub(super) struct Solid {
 }
 
 impl Solid {
-    /// A muscle; `inverse_mass` of 0 fixes a vertex.
-    pub fn soft(name: &str, mesh: &TriangleMesh, inverse_mass: Vec<f64>) -> Self {
+    /// A muscle, fixed at first.
+    pub fn soft(name: &str, mesh: &TriangleMesh) -> Self {
         Self {
             shape: Some(Shape::new(mesh)),
-            particles: Particles::at_rest(mesh.vertices.clone(), inverse_mass),
-            ..Self::rigid(name, mesh, &Isometry3::identity())
+            ..Self::rigid(name, &Surface::new(mesh), &Isometry3::identity())
         }
         .with_struts()
     }
@@ -85,6 +88,7 @@ impl Solid {
             .collect();
         let compliance = vec![1.0; struts.len()];
         let order = SweepOrder::Coloured;
+        self.opposite = across;
         self.struts = Some(Batch::new(struts, compliance, order, count, &[]));
         self
     }
@@ -116,23 +120,44 @@ impl Solid {
     }
 
     /// Lets a soft shape return towards that at rest, and vertices that are not `held` towards
-    /// their positions as read.
-    pub fn relax(&mut self, held: &[bool]) {
-        let Self { shape, struts, particles, start, .. } = self;
-        for ((x, held), (start, w)) in particles
-            .position
-            .iter_mut()
-            .zip(held)
-            .zip(start.iter().zip(&particles.inverse_mass))
-        {
+    /// their positions as read; `smoothing` sweeps make the displacement smooth.
+    pub fn relax(&mut self, held: &[bool], smoothing: usize) {
+        let all = vec![true; held.len()];
+        for _ in 0..smoothing {
+            self.smooth(&all);
+        }
+        let Self {
+            shape,
+            struts,
+            particles,
+            start,
+            ..
+        } = self;
+        let start = start.iter().zip(&particles.inverse_mass);
+        for ((x, held), (start, w)) in particles.position.iter_mut().zip(held).zip(start) {
             if !held && *w > 0.0 {
-                *x += (*start - *x) * RETURN;
+                *x += (*start - *x) * super::param("RETURN", RETURN);
             }
         }
         if let (Some(shape), Some(struts)) = (shape, struts) {
-            struts.begin_step();
-            struts.project(particles, 1.0);
-            shape.relax(particles);
+            if smoothing as f64 <= super::param("SHAPE", 1.0) {
+                struts.begin_step();
+                struts.project(particles, 1.0);
+                shape.relax(particles);
+            } else {
+                let _ = shape.volume.project(particles, 1.0);
+            }
+        }
+    }
+
+    /// Motion from the positions as read.
+    pub fn moved(&self) -> Moved {
+        let moved: Vec<f64> = self.x().iter().zip(&self.start).map(|(a, b)| (a - b).norm()).collect();
+        let squares: Vec<f64> = moved.iter().map(|d| d * d).collect();
+        Moved {
+            rms: (tree_sum(&squares) / moved.len().max(1) as f64).sqrt(),
+            max: max_or_nan(moved),
+            volume_change: self.present_volume() / self.volume - 1.0,
         }
     }
 
@@ -171,22 +196,28 @@ impl Solid {
     }
 
     /// A bone at a pose.
-    pub fn rigid(name: &str, mesh: &TriangleMesh, pose: &Isometry3<f64>) -> Self {
-        let vertices = mesh.vertices.iter().map(|v| pose * v).collect();
+    pub fn rigid(name: &str, surface: &Surface, pose: &Isometry3<f64>) -> Self {
+        let is_at_home = *pose == Isometry3::identity();
+        let place = |v: &Point3<f64>| if is_at_home { *v } else { pose * v };
         let mesh = TriangleMesh {
-            vertices,
-            triangles: mesh.triangles.clone(),
+            vertices: surface.positions().iter().map(place).collect(),
+            triangles: surface.triangles().to_vec(),
+        };
+        let surface = match is_at_home {
+            true => surface.clone(),
+            false => Surface::new(&mesh),
         };
         let count = mesh.vertices.len();
         Self {
             name: name.to_owned(),
             particles: Particles::at_rest(mesh.vertices.clone(), vec![0.0; count]),
-            surface: Surface::new(&mesh),
+            surface,
             topology: Topology::new(&mesh),
             normals: mesh.vertex_normals(),
             bounds: mesh.bounding_box(),
             shape: None,
             struts: None,
+            opposite: Vec::new(),
             neighbours: Default::default(),
             volume: mesh.volume(),
             start: mesh.vertices,
@@ -220,7 +251,7 @@ impl Solid {
             return;
         }
         let moved = self.surface.positions().iter().zip(self.x());
-        let farthest = crate::mesh::measures::max_or_nan(moved.map(|(a, b)| (a - b).norm()));
+        let farthest = max_or_nan(moved.map(|(a, b)| (a - b).norm()));
         self.travelled += farthest;
         if farthest > 0.0 {
             self.surface.refit(&self.particles.position);
