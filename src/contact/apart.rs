@@ -19,16 +19,25 @@ use solid::Solid;
 use crate::contact::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
-use crate::particles::Slot;
 
-/// Greatest number of rounds in which shapes relax.
+/// Greatest number of rounds in which displacements are smoothed.
 const ROUNDS: usize = 80;
 /// Rounds between two searches for vertices on a wrong side.
 const LOOK: usize = 10;
 /// Greatest number of rounds in which only pushes and volumes act.
 const LAST: usize = 200;
+/// Sweeps that smooth displacements, in the first to the last quarter of the rounds: a smooth
+/// displacement neither folds a surface nor tears its walls apart.
+const SMOOTHING: [usize; 4] = [5, 5, 5, 2];
+/// Greatest number of attempts to return towards the shapes as read, the share of the way of the
+/// first, and rounds of each.
+const RETURNS: usize = 12;
+const RETURN: f64 = 0.25;
+const RETURN_ROUNDS: usize = 10;
 /// Number of sweeps over the pushes of one round.
 const SWEEPS: usize = 4;
+/// Greatest motion by the pushes of one round, relative to the median edge.
+const STRIDE: f64 = 0.15;
 /// Inverse mass of a held vertex, relative to a free one.
 const HELD: f64 = 0.25;
 /// Greatest relative error of a volume.
@@ -87,6 +96,10 @@ pub struct PartedPair {
     pub depth: f64,
     /// Number of pairs of triangles that crossed before.
     pub crossings: usize,
+    /// Number of vertices of the first in the second before, and of the second in the first.
+    pub inside: [usize; 2],
+    /// A place of the overlap [m].
+    pub place: Point3<f64>,
     /// Motion of the muscle of the pair that moved more, over all its vertices.
     pub moved: Moved,
 }
@@ -115,6 +128,17 @@ pub struct Inseparable {
     pub crossings: usize,
 }
 
+/// The pairs that overlap, without a motion.
+pub fn overlaps(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>]) -> Vec<PartedPair> {
+    let name = |s: usize| match s.checked_sub(soft.len()) {
+        None => soft[s].name,
+        Some(bone) => rigid[bone].name,
+    };
+    let all = overlap::find(soft, rigid).into_iter();
+    all.map(|overlap| overlap.pair(overlap.of.map(name), Moved::default()))
+        .collect()
+}
+
 /// Moves muscles apart from each other and out of bones until no two triangles cross, with their
 /// volumes kept. Muscles without overlap are unchanged.
 ///
@@ -135,38 +159,27 @@ pub fn part(
     }
     let mut scene = Scene::new(soft, rigid, gaps);
     let mut seen = scene.look(true);
-    let smoothing = [param("S0", 10.0), param("S1", 4.0), param("S2", 2.0), param("S3", 1.0)].map(|s| s as usize);
-    let verbose = std::env::var("APART").is_ok();
     for round in 0..ROUNDS + LAST {
-        let last = round >= ROUNDS;
-        if verbose && (round % 10 == 0 || round < 6) {
-            eprintln!("round {round}: {} crossings {} pushes {:?}", seen.count(), seen.pushes.len(), seen.crossing.iter().filter(|c| !c.1.is_empty()).map(|c| (&scene.all[c.0[0]].name[..8], &scene.all[c.0[1]].name[..8], c.1.len())).collect::<Vec<_>>()); eprintln!("   volumes {:?} worst lack {:?}", scene.all.iter().filter(|s| !s.is_rigid()).map(|s| (1e4*(s.present_volume()/s.volume-1.0)).round()).collect::<Vec<_>>(), seen.depth.iter().map(|d| (d*1e5).round()/100.0).collect::<Vec<_>>());
-        }
-        if last && seen.is_clear() && scene.holds_volumes() && scene.all[..scene.soft].iter().all(|s| s.folded().is_none()) {
+        if round >= ROUNDS && seen.is_clear() && scene.is_sound() {
             break;
         }
         scene.activate(&seen);
         apply(&mut scene.all, &seen.pushes, SWEEPS);
-        let folded = scene.unfold();
-        if last {
-            scene.keep_volumes(&seen.pushes);
-        } else {
-            scene.relax(&seen.pushes, smoothing[(4 * round / ROUNDS).min(3)]);
+        scene.unfold();
+        match round < ROUNDS {
+            true => scene.relax(&seen.pushes, SMOOTHING[SMOOTHING.len() * round / ROUNDS]),
+            false => scene.keep_volumes(&seen.pushes),
         }
-        if verbose && folded > 0 && round % 10 == 9 { eprintln!("   folded {folded}"); }
-        seen = scene.look(std::env::var("NOSIDES").is_err() && round % LOOK == LOOK - 1);
+        seen = scene.look(round % LOOK == LOOK - 1);
     }
     if let Some((of, crossings, place)) = scene.worst(&seen) {
-        if verbose {
-            eprintln!("left {crossings} {of:?}");
-        } else {
         return Err(Inseparable {
             pair: of.map(|s| scene.all[s].name.clone()),
             place: place.into(),
             crossings,
         });
-        }
     }
+    scene.settle_back();
     Ok(scene.result(overlaps))
 }
 
@@ -207,7 +220,10 @@ impl Scene {
     fn new(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>], gaps: Gaps) -> Self {
         let muscles = soft.par_iter().map(|body| {
             let mut solid = Solid::soft(body.name, body.mesh);
-            solid.particles.position.copy_from_slice(body.surface.positions());
+            solid
+                .particles
+                .position
+                .copy_from_slice(body.surface.positions());
             solid.refit();
             solid
         });
@@ -228,10 +244,21 @@ impl Scene {
 
     /// The pairs that may touch, a muscle first.
     fn near(&self) -> Vec<[usize; 2]> {
-        let gap = |j: usize| if j < self.soft { self.gaps.between } else { self.gaps.to_bones };
+        let gap = |j: usize| {
+            if j < self.soft {
+                self.gaps.between
+            } else {
+                self.gaps.to_bones
+            }
+        };
         (0..self.soft)
             .flat_map(|i| (i + 1..self.all.len()).map(move |j| [i, j]))
-            .filter(|&[i, j]| self.all[i].bounds.inflate(gap(j)).intersects(&self.all[j].bounds))
+            .filter(|&[i, j]| {
+                self.all[i]
+                    .bounds
+                    .inflate(gap(j))
+                    .intersects(&self.all[j].bounds)
+            })
             .collect()
     }
 
@@ -271,10 +298,21 @@ impl Scene {
             of,
             a: &self.all[of[0]],
             b: &self.all[of[1]],
-            gap: if soft { self.gaps.between } else { self.gaps.to_bones },
-            most: param("MOST", 1e3*self.gaps.to_bones)*1e-3,
+            gap: if soft {
+                self.gaps.between
+            } else {
+                self.gaps.to_bones
+            },
+            most: self.stride(of),
             sides: &self.sides[of[0] * self.all.len() + of[1]],
         }
+    }
+
+    /// Greatest motion by the pushes of one round [m].
+    fn stride(&self, of: [usize; 2]) -> f64 {
+        let soft = of.iter().filter(|&&s| s < self.soft);
+        let edge = soft.map(|&s| self.all[s].edge).fold(f64::INFINITY, f64::min);
+        STRIDE * edge
     }
 
     /// Finds the vertices of a muscle that must leave another surface on a given side.
@@ -289,9 +327,6 @@ impl Scene {
         let [a, b] = of.map(|s| &self.all[s]);
         sides::directions(a, b, &lost, pierced, &mut sides);
         sides::common(a, &exits, &mut sides);
-        if std::env::var("APART").is_ok() {
-            eprintln!("sides {} in {}: {} lost, {} known", self.all[of[0]].name, self.all[of[1]].name, lost.iter().filter(|l| **l).count(), sides.iter().flatten().count());
-        }
         self.watches[at] = Watch::default();
         self.sides[at] = sides;
     }
@@ -305,40 +340,79 @@ impl Scene {
             for &s in of.iter().filter(|&&s| s < self.soft) {
                 if !self.active[s] {
                     self.active[s] = true;
-                    self.all[s].particles.inverse_mass.clone_from(&self.inverse_mass[s]);
+                    self.all[s]
+                        .particles
+                        .inverse_mass
+                        .clone_from(&self.inverse_mass[s]);
                 }
             }
         }
     }
 
+    /// Smooths the displacements of all muscles that move.
     fn relax(&mut self, pushes: &[Push], smoothing: usize) {
         let held = self.held(pushes);
-        self.all
-            .par_iter_mut()
-            .zip(&self.active)
-            .zip(&held)
-            .filter(|((_, active), _)| **active)
-            .for_each(|((solid, _), held)| {
+        self.moving().zip(&held).for_each(|(solid, held)| {
+            if let Some(solid) = solid {
                 solid.relax(held, smoothing);
                 solid.refit();
-            });
+            }
+        });
     }
 
-    /// Smooths muscles where they cross themselves. Returns the number of such muscles.
-    fn unfold(&mut self) -> usize {
+    /// Each surface, `None` if it does not move.
+    fn moving(&mut self) -> impl IndexedParallelIterator<Item = Option<&mut Solid>> {
         self.all
             .par_iter_mut()
             .zip(&self.active)
-            .filter(|(_, active)| **active)
-            .map(|(solid, _)| match solid.folded() {
-                None => 0,
-                Some(folded) => {
-                    solid.smooth(&folded);
-                    solid.refit();
-                    1
-                }
-            })
-            .sum()
+            .map(|(solid, active)| active.then_some(solid))
+    }
+
+    /// Smooths muscles where they cross themselves.
+    fn unfold(&mut self) {
+        self.moving().flatten().for_each(|solid| {
+            if let Some(folded) = solid.folded() {
+                solid.smooth(&folded);
+                solid.refit();
+            }
+        });
+    }
+
+    /// Moves parted muscles back towards their shapes as read, as far as they stay parted.
+    fn settle_back(&mut self) {
+        let mut share = RETURN;
+        for _ in 0..RETURNS {
+            let before: Vec<Vec<Point3<f64>>> = self.all[..self.soft]
+                .iter()
+                .map(|s| s.x().to_vec())
+                .collect();
+            self.moving().flatten().for_each(|solid| {
+                solid.go_back(share);
+                solid.refit();
+            });
+            if self.is_parted_again() {
+                continue;
+            }
+            for (solid, before) in self.all.iter_mut().zip(before) {
+                solid.particles.position = before;
+                solid.refit();
+            }
+            share *= 0.5;
+        }
+    }
+
+    /// Pushes overlap of a small motion out again. Returns true if nothing is left.
+    fn is_parted_again(&mut self) -> bool {
+        for _ in 0..RETURN_ROUNDS {
+            let seen = self.look(false);
+            if seen.is_clear() && self.is_sound() {
+                return true;
+            }
+            apply(&mut self.all, &seen.pushes, SWEEPS);
+            self.unfold();
+            self.keep_volumes(&seen.pushes);
+        }
+        false
     }
 
     /// For each surface the vertices that pushes hold.
@@ -360,27 +434,21 @@ impl Scene {
     /// Brings the volumes to those at the start, by motion of vertices that nothing pushes.
     fn keep_volumes(&mut self, pushes: &[Push]) {
         let held = self.held(pushes);
-        self.all
-            .par_iter_mut()
-            .zip(&self.active)
-            .zip(&held)
-            .filter(|((_, active), _)| **active)
-            .for_each(|((solid, _), held)| {
-                let Solid { shape, particles, .. } = solid;
-                for shape in shape.iter_mut() {
-                    let free = |field: &mut [Slot], _: f64| {
-                        let held = field.iter_mut().zip(held).filter(|(_, held)| **held);
-                        held.for_each(|(slot, _)| *slot = Slot::default());
-                    };
-                    let _ = shape.volume.project_along(particles, 1.0, free);
-                }
+        self.moving().zip(&held).for_each(|(solid, held)| {
+            if let Some(solid) = solid {
+                solid.keep_volume(held);
                 solid.refit();
-            });
+            }
+        });
     }
 
-    fn holds_volumes(&self) -> bool {
-        let muscles = self.all.iter().zip(&self.active).filter(|(_, active)| **active);
-        muscles.map(|(s, _)| s).all(|s| (s.present_volume() / s.volume - 1.0).abs() <= VOLUME)
+    /// True if all muscles have their volumes, and none crosses itself.
+    fn is_sound(&self) -> bool {
+        let muscles = self.all.iter().zip(&self.active);
+        let mut moving = muscles
+            .filter(|(_, active)| **active)
+            .map(|(solid, _)| solid);
+        moving.all(|solid| solid.volume_error() <= VOLUME && solid.folded().is_none())
     }
 
     /// The pair with most crossings that is left, or one in which a body is inside the other, with
@@ -407,12 +475,8 @@ impl Scene {
             let muscles = overlap.of.iter().filter(|&&s| s < self.soft);
             let moved = muscles.map(|&s| parted.moved[s]);
             let most = moved.max_by(|a, b| a.rms.total_cmp(&b.rms));
-            parted.pairs.push(PartedPair {
-                pair: overlap.of.map(|s| self.all[s].name.clone()),
-                depth: overlap.depth,
-                crossings: overlap.crossings,
-                moved: most.unwrap_or_default(),
-            });
+            let names = overlap.of.map(|s| self.all[s].name.as_str());
+            parted.pairs.push(overlap.pair(names, most.unwrap_or_default()));
         }
         parted
     }
@@ -426,15 +490,4 @@ fn inverse_mass(body: &SoftBody<'_>) -> Vec<f64> {
         all[v as usize] = HELD * free;
     }
     all
-}
-
-pub(super) fn param(name: &str, default: f64) -> f64 {
-    use std::collections::HashMap;
-    use std::sync::OnceLock;
-    static ALL: OnceLock<HashMap<String, f64>> = OnceLock::new();
-    let all = ALL.get_or_init(|| {
-        let text = std::env::var("PARAMS").unwrap_or_default();
-        text.split(',').filter_map(|p| p.split_once('=')).map(|(k, v)| (k.to_owned(), v.parse().unwrap_or(0.0))).collect()
-    });
-    all.get(name).copied().unwrap_or(default)
 }

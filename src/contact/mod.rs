@@ -69,6 +69,10 @@ pub(crate) mod untangle;
 mod vertices;
 
 #[cfg(feature = "contact")]
+pub use apart::{
+    Gaps, Inseparable, Moved, Parted, PartedPair, RigidBody, SoftBody, overlaps, part,
+};
+#[cfg(feature = "contact")]
 pub use untangle::untangle;
 
 use std::sync::Arc;

@@ -120,14 +120,14 @@ pub(crate) fn is_sample_inside(
 }
 
 /// The constraints that keep the shape during the removal.
-pub(super) struct Shape {
+struct Shape {
     stretch: Batch<Distance, 2>,
     bending: Batch<Bending, 4>,
-    pub volume: EnclosedVolume,
+    volume: EnclosedVolume,
 }
 
 impl Shape {
-    pub fn new(mesh: &TriangleMesh) -> Self {
+    fn new(mesh: &TriangleMesh) -> Self {
         let topology = Topology::new(mesh);
         let count = mesh.vertices.len();
         let lengths = topology.edge_lengths(mesh);
@@ -168,8 +168,7 @@ impl Shape {
         }
     }
 
-    /// Moves the particles towards the lengths, angles and volume of the shape.
-    pub fn relax(&mut self, particles: &mut Particles) {
+    fn relax(&mut self, particles: &mut Particles) {
         for _ in 0..2 {
             self.stretch.begin_step();
             self.bending.begin_step();

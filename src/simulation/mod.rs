@@ -41,7 +41,6 @@ pub use plan::Plan;
 pub use run::{Ended, Observer, run};
 pub(crate) use scenario::BodyState;
 use start::Start;
-pub use crate::contact::apart::PartedPair;
 pub use scenario::{
     BodyDescription, FrameState, GeometricRun, Scenario, ScenarioError, ScenarioKind,
     SceneDescription, Stepped, scenario, scenario_with,
@@ -49,7 +48,7 @@ pub use scenario::{
 
 use crate::contact::broad_phase::BroadPhase;
 use crate::contact::capsule::Capsule;
-use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
+use crate::contact::{Contacts, Obstacle, PartedPair, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;

@@ -257,9 +257,9 @@ impl Among {
             && self.attached == other.attached
             && self.gaps == other.gaps
             && self.bones.len() == other.bones.len()
-            && bones.into_iter().all(|((_, a, at), (_, b, there))| {
-                Arc::ptr_eq(a, b) && same_pose(at, there)
-            })
+            && bones
+                .into_iter()
+                .all(|((_, a, at), (_, b, there))| Arc::ptr_eq(a, b) && same_pose(at, there))
     }
 
     fn part(&self, ready: &Ready) -> Result<Apart, Inseparable> {
@@ -289,8 +289,11 @@ impl Among {
             })
             .collect();
         let parted = apart::part(&soft, &rigid, self.gaps)?;
-        let mut muscles: Vec<(Arc<Rest>, Moved)> =
-            self.clear.iter().map(|rest| (rest.clone(), Moved::default())).collect();
+        let mut muscles: Vec<(Arc<Rest>, Moved)> = self
+            .clear
+            .iter()
+            .map(|rest| (rest.clone(), Moved::default()))
+            .collect();
         for ((&m, position), moved) in closed.iter().zip(parted.positions).zip(parted.moved) {
             let Some(vertices) = position else { continue };
             let mesh = TriangleMesh {

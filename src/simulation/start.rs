@@ -52,11 +52,24 @@ impl Start {
             return Ok(Self::of(attached, muscles, Vec::new()));
         };
         let among = Among {
-            names: scene.muscles.iter().map(|muscle| muscle.name.clone()).collect(),
-            read: assets.muscles.iter().map(|a| assets.ready.rest(&a.mesh)).collect(),
+            names: scene
+                .muscles
+                .iter()
+                .map(|muscle| muscle.name.clone())
+                .collect(),
+            read: assets
+                .muscles
+                .iter()
+                .map(|a| assets.ready.rest(&a.mesh))
+                .collect(),
             clear: muscles.iter().map(|(rest, _)| rest.clone()).collect(),
             attached: attached.clone(),
-            bones: surfaces.iter().cloned().zip(placed).map(|(s, p)| (p.name.clone(), s, p.now)).collect(),
+            bones: surfaces
+                .iter()
+                .cloned()
+                .zip(placed)
+                .map(|(s, p)| (p.name.clone(), s, p.now))
+                .collect(),
             gaps: Gaps {
                 to_bones: contact.thickness,
                 between: BETWEEN * contact.thickness,
@@ -86,7 +99,9 @@ impl Start {
     ) -> Self {
         let muscles = attached.into_iter().zip(rests);
         Self {
-            muscles: muscles.map(|(attached, (rest, done))| (attached, rest, done)).collect(),
+            muscles: muscles
+                .map(|(attached, (rest, done))| (attached, rest, done))
+                .collect(),
             pairs,
         }
     }

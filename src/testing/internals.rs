@@ -19,11 +19,6 @@ pub mod constraints {
 
 /// Internals of `contact`.
 pub mod contact {
-    /// Internals of `contact::apart`.
-    pub mod apart {
-        pub use crate::contact::apart::*;
-    }
-
     pub use crate::contact::penetration_response::{Length, PenetrationResponse};
     pub use crate::contact::response::Counts;
 

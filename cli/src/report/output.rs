@@ -294,6 +294,8 @@ pub struct RunOutput<'a> {
     pub measures: Value,
     /// Frames and times, for the run of a scene.
     pub scene: Option<SceneRun>,
+    /// Pairs of surfaces that were parted before the start of a run.
+    pub start: Option<Value>,
     /// Checks.
     pub verdicts: Vec<Verdict>,
     /// Observations that are neither right nor wrong.
@@ -371,6 +373,9 @@ impl RunOutput<'_> {
             (self.kind, self.measures.clone()),
         ] {
             all.insert(key.to_owned(), value);
+        }
+        if let Some(start) = &self.start {
+            all.insert("start".to_owned(), start.clone());
         }
         if let Value::Object(scene) = json!(self.scene) {
             all.extend(scene);

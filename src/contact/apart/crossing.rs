@@ -34,7 +34,8 @@ impl<'a> Faced<'a> {
         Self { x, surface, bounds }
     }
 
-    fn corners(&self, t: u32) -> [Point3<f64>; 3] {
+    /// Corners of a triangle [m].
+    pub fn corners(&self, t: u32) -> [Point3<f64>; 3] {
         self.surface.triangles()[t as usize].map(|v| self.x[v as usize])
     }
 }
@@ -133,6 +134,10 @@ fn piercing(a: &Solid, b: &Solid, edge: u32, triangle: u32) -> Option<Piercing> 
     let (above, below) = (normal.dot(&(p - t[0])), normal.dot(&(q - t[0])));
     let at = above / (above - below);
     // Within the plane of the triangle every place is as good.
-    let at = if at.is_finite() { at.clamp(0.0, 1.0) } else { 0.5 };
+    let at = if at.is_finite() {
+        at.clamp(0.0, 1.0)
+    } else {
+        0.5
+    };
     Some(Piercing { edge, at, triangle })
 }

@@ -76,15 +76,20 @@ impl Pair<'_> {
                 if travelled < *until || !reach.contains(p) {
                     return None;
                 }
-                let on = self.nearest(p, self.sides.get(v).copied().flatten(), self.a.normals[v])?;
+                let on =
+                    self.nearest(p, self.sides.get(v).copied().flatten(), self.a.normals[v])?;
                 let distance = on.closest.distance;
                 *until = travelled + distance - self.gap;
-                let push = (distance < self.gap).then(|| self.push([(v as u32, 1.0), (0, 0.0)], &on));
+                let push =
+                    (distance < self.gap).then(|| self.push([(v as u32, 1.0), (0, 0.0)], &on));
                 Some((push, -distance))
             })
             .collect();
         let deepest = crate::mesh::measures::max_or_nan(looked.iter().map(|(_, d)| d.max(0.0)));
-        (looked.into_iter().filter_map(|(push, _)| push).collect(), deepest)
+        (
+            looked.into_iter().filter_map(|(push, _)| push).collect(),
+            deepest,
+        )
     }
 
     /// The pushes of edges that pass through the body with both ends outside: a point in the middle
@@ -221,7 +226,9 @@ fn add(solids: &[Solid], push: &Push, moves: &mut [Vec<(Vector3<f64>, f64)>]) {
     let [a, b] = push.of;
     let (mut distance, mut give) = (0.0, 0.0);
     let parts = push.point.iter().map(|p| (a, p, 1.0));
-    let parts: Vec<_> = parts.chain(push.triangle.iter().map(|p| (b, p, -1.0))).collect();
+    let parts: Vec<_> = parts
+        .chain(push.triangle.iter().map(|p| (b, p, -1.0)))
+        .collect();
     for &(s, &(v, weight), sign) in &parts {
         let particles = &solids[s].particles;
         distance += sign * weight * push.normal.dot(&particles.position[v as usize].coords);

@@ -113,7 +113,12 @@ pub(super) fn common(a: &Solid, exits: &[Option<Vector3<f64>>], sides: &mut Side
     }
     let fixed: Vec<bool> = (0..exits.len()).map(|v| sides[v].is_some()).collect();
     let mut now: Vec<Vector3<f64>> = (0..exits.len())
-        .map(|v| sides[v].or(exits[v]).filter(|_| within[v]).unwrap_or_default())
+        .map(|v| {
+            sides[v]
+                .or(exits[v])
+                .filter(|_| within[v])
+                .unwrap_or_default()
+        })
         .collect();
     let (starts, neighbours) = &a.neighbours;
     for _ in 0..SMOOTHING {

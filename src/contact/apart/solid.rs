@@ -3,22 +3,19 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Moved;
-use crate::constraints::distance::Distance;
-use crate::constraints::order::SweepOrder;
-use crate::constraints::{Batch, Project};
-use crate::contact::surface::Surface;
-use crate::contact::untangle::Shape;
+use crate::constraints::EnclosedVolume;
 use crate::contact::Obstacle;
+use crate::contact::surface::Surface;
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::{Aabb, max_or_nan, median};
+use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::mesh::sum::tree_sum;
 use crate::mesh::topology::Topology;
-use crate::particles::Particles;
+use crate::particles::{Particles, Slot};
 
 /// A body is thin where it is at most this many median edges thick.
 const THIN: f64 = 4.0;
 /// Share of the way back to its position as read that a free vertex makes in a round.
-const RETURN: f64 = 0.1;
+const RETURN: f64 = 0.05;
 
 /// A soft or rigid surface in the common frame.
 pub(super) struct Solid {
@@ -35,14 +32,14 @@ pub(super) struct Solid {
     pub normals: Vec<Vector3<f64>>,
     /// Bounds at the last refit [m].
     pub bounds: Aabb,
-    /// The constraints that keep a soft shape; `None` for a bone.
-    pub shape: Option<Shape>,
-    /// Distances across a soft body, which keep its walls apart.
-    struts: Option<Batch<Distance, 2>>,
+    /// The constraint of the volume of a muscle; `None` for a bone.
+    enclosed: Option<EnclosedVolume>,
     /// The pairs of vertices across a soft body from each other.
     pub opposite: Vec<[u32; 2]>,
     /// Neighbours of each vertex along edges and struts: offsets and neighbours.
     pub neighbours: (Vec<u32>, Vec<u32>),
+    /// Median length of the edges as read [m].
+    pub edge: f64,
     /// Positions as read [m].
     pub start: Vec<Point3<f64>>,
     /// Enclosed volume at the start [m^3].
@@ -55,7 +52,12 @@ impl Solid {
     /// A muscle, fixed at first.
     pub fn soft(name: &str, mesh: &TriangleMesh) -> Self {
         Self {
-            shape: Some(Shape::new(mesh)),
+            enclosed: Some(EnclosedVolume::new(
+                &mesh.triangles,
+                mesh.vertices.len(),
+                mesh.volume(),
+                0.0,
+            )),
             ..Self::rigid(name, &Surface::new(mesh), &Isometry3::identity())
         }
         .with_struts()
@@ -67,7 +69,10 @@ impl Solid {
         let mut joined: Vec<[u32; 2]> = self.topology.edges.clone();
         joined.extend(&across);
         let mut starts = vec![0u32; count + 1];
-        joined.iter().flatten().for_each(|v| starts[*v as usize + 1] += 1);
+        joined
+            .iter()
+            .flatten()
+            .for_each(|v| starts[*v as usize + 1] += 1);
         (0..count).for_each(|v| starts[v + 1] += starts[v]);
         let mut next = starts.clone();
         let mut neighbours = vec![0; 2 * joined.len()];
@@ -78,28 +83,13 @@ impl Solid {
             }
         }
         self.neighbours = (starts, neighbours);
-        let struts: Vec<Distance> = across
-            .iter()
-            .map(|&points| {
-                let [a, b] = points.map(|v| self.start[v as usize]);
-                let rest = (a - b).norm();
-                Distance { points, rest }
-            })
-            .collect();
-        let compliance = vec![1.0; struts.len()];
-        let order = SweepOrder::Coloured;
         self.opposite = across;
-        self.struts = Some(Batch::new(struts, compliance, order, count, &[]));
         self
     }
 
     /// Pairs of vertices across the body from each other, where it is thin.
     fn across(&self) -> Vec<[u32; 2]> {
-        let lengths = self.topology.edges.iter().map(|e| {
-            let [a, b] = e.map(|v| self.start[v as usize]);
-            (a - b).norm()
-        });
-        let edge = median(lengths.collect()).unwrap_or(0.0);
+        let edge = self.edge;
         let mut pairs: Vec<[u32; 2]> = Vec::new();
         for (v, (x, normal)) in self.start.iter().zip(&self.normals).enumerate() {
             let from = x - normal * (1e-3 * edge);
@@ -119,40 +109,57 @@ impl Solid {
         pairs
     }
 
-    /// Lets a soft shape return towards that at rest, and vertices that are not `held` towards
-    /// their positions as read; `smoothing` sweeps make the displacement smooth.
+    /// Makes the displacement smooth by `smoothing` sweeps, lets vertices that are not `held` return
+    /// towards their positions as read, and restores the volume.
     pub fn relax(&mut self, held: &[bool], smoothing: usize) {
         let all = vec![true; held.len()];
         for _ in 0..smoothing {
             self.smooth(&all);
         }
-        let Self {
-            shape,
-            struts,
-            particles,
-            start,
-            ..
-        } = self;
-        let start = start.iter().zip(&particles.inverse_mass);
-        for ((x, held), (start, w)) in particles.position.iter_mut().zip(held).zip(start) {
+        let start = self.start.iter().zip(&self.particles.inverse_mass);
+        for ((x, held), (start, w)) in self.particles.position.iter_mut().zip(held).zip(start) {
             if !held && *w > 0.0 {
-                *x += (*start - *x) * super::param("RETURN", RETURN);
+                *x += (*start - *x) * RETURN;
             }
         }
-        if let (Some(shape), Some(struts)) = (shape, struts) {
-            if smoothing as f64 <= super::param("SHAPE", 1.0) {
-                struts.begin_step();
-                struts.project(particles, 1.0);
-                shape.relax(particles);
-            } else {
-                let _ = shape.volume.project(particles, 1.0);
+        self.keep_volume(&vec![false; held.len()]);
+    }
+
+    /// Moves all vertices this share of the way to their positions as read.
+    pub fn go_back(&mut self, share: f64) {
+        let start = self.start.iter().zip(&self.particles.inverse_mass);
+        for (x, (start, w)) in self.particles.position.iter_mut().zip(start) {
+            if *w > 0.0 {
+                *x += (*start - *x) * share;
             }
         }
     }
 
+    /// Restores the volume by motion of the vertices that are not `held`.
+    pub fn keep_volume(&mut self, held: &[bool]) {
+        let free = |field: &mut [Slot], _: f64| {
+            let held = field.iter_mut().zip(held).filter(|(_, held)| **held);
+            held.for_each(|(slot, _)| *slot = Slot::default());
+        };
+        if let Some(enclosed) = &mut self.enclosed {
+            // Without a solution the volume stays; the caller tests it.
+            let _ = enclosed.project_along(&mut self.particles, 1.0, free);
+        }
+    }
+
+    /// Relative error of the volume.
+    pub fn volume_error(&self) -> f64 {
+        (self.present_volume() / self.volume - 1.0).abs()
+    }
+
     /// Motion from the positions as read.
     pub fn moved(&self) -> Moved {
-        let moved: Vec<f64> = self.x().iter().zip(&self.start).map(|(a, b)| (a - b).norm()).collect();
+        let moved: Vec<f64> = self
+            .x()
+            .iter()
+            .zip(&self.start)
+            .map(|(a, b)| (a - b).norm())
+            .collect();
         let squares: Vec<f64> = moved.iter().map(|d| d * d).collect();
         Moved {
             rms: (tree_sum(&squares) / moved.len().max(1) as f64).sqrt(),
@@ -184,13 +191,18 @@ impl Solid {
             return None;
         }
         let mut at = vec![false; self.x().len()];
-        let corners = crossing.iter().flatten().flat_map(|&t| self.triangles()[t as usize]);
+        let corners = crossing
+            .iter()
+            .flatten()
+            .flat_map(|&t| self.triangles()[t as usize]);
         corners.for_each(|v| at[v as usize] = true);
         let (starts, neighbours) = &self.neighbours;
         let mut with = at.clone();
         for v in (0..at.len()).filter(|&v| at[v]) {
             let around = starts[v] as usize..starts[v + 1] as usize;
-            neighbours[around].iter().for_each(|&w| with[w as usize] = true);
+            neighbours[around]
+                .iter()
+                .for_each(|&w| with[w as usize] = true);
         }
         Some(with)
     }
@@ -208,15 +220,16 @@ impl Solid {
             false => Surface::new(&mesh),
         };
         let count = mesh.vertices.len();
+        let topology = Topology::new(&mesh);
         Self {
             name: name.to_owned(),
             particles: Particles::at_rest(mesh.vertices.clone(), vec![0.0; count]),
             surface,
-            topology: Topology::new(&mesh),
+            edge: mesh.median_edge_length(&topology).unwrap_or(0.0),
+            topology,
             normals: mesh.vertex_normals(),
             bounds: mesh.bounding_box(),
-            shape: None,
-            struts: None,
+            enclosed: None,
             opposite: Vec::new(),
             neighbours: Default::default(),
             volume: mesh.volume(),
@@ -242,7 +255,7 @@ impl Solid {
 
     /// True if no vertex can move.
     pub fn is_rigid(&self) -> bool {
-        self.shape.is_none()
+        self.enclosed.is_none()
     }
 
     /// Brings the hierarchy to the present positions.
@@ -261,12 +274,12 @@ impl Solid {
     }
 
     /// Enclosed volume at the present positions [m^3].
-    pub fn present_volume(&self) -> f64 {
+    fn present_volume(&self) -> f64 {
         crate::mesh::measures::volume(self.x(), self.triangles())
     }
 
     /// The present mesh.
-    pub fn mesh(&self) -> TriangleMesh {
+    fn mesh(&self) -> TriangleMesh {
         TriangleMesh {
             vertices: self.x().to_vec(),
             triangles: self.triangles().to_vec(),
