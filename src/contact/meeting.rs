@@ -285,26 +285,6 @@ impl Meeting {
         std::mem::take(&mut self.certificate)
     }
 
-    /// Heap memory held [bytes].
-    pub fn bytes(&self) -> usize {
-        let soft: usize = self
-            .soft
-            .iter()
-            .map(|s| super::Obstacle::bytes(&s.surface) + s.owned.bytes())
-            .sum();
-        let rigid: usize = self
-            .rigid
-            .iter()
-            .map(|r| r.number.capacity() * 4 + r.owned.bytes())
-            .sum();
-        soft + rigid
-            + self.pairs.capacity() * std::mem::size_of::<Pair>()
-            + self.rows.capacity() * std::mem::size_of::<Row>()
-            + (self.start.capacity() + self.end.capacity() + self.listed_at.capacity()) * 24
-            + self.mass.capacity() * 8
-            + self.soft_count * 24
-    }
-
     /// Begins a frame with a new list, so that its pairs do not depend on frames before.
     pub fn begin_frame(&mut self, bodies: &[&[Point3<f64>]], placed: &[PosedObstacle]) {
         self.take_start(bodies);

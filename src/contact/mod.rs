@@ -42,6 +42,8 @@
 
 mod active_normals;
 #[cfg(feature = "contact")]
+pub(crate) mod apart;
+#[cfg(feature = "contact")]
 pub(crate) mod broad_phase;
 pub(crate) mod capsule;
 pub(crate) mod ccd;
@@ -73,6 +75,10 @@ pub(crate) mod untangle;
 #[cfg(feature = "contact")]
 mod vertices;
 
+#[cfg(feature = "contact")]
+pub use apart::{
+    Gaps, Inseparable, Moved, Parted, PartedPair, RigidBody, SoftBody, overlaps, part,
+};
 #[cfg(feature = "contact")]
 pub use untangle::untangle;
 

@@ -38,10 +38,6 @@ impl Owned {
     fn edge(&self, triangle: u32, k: usize) -> bool {
         self.0[triangle as usize] >> (3 + k) & 1 == 1
     }
-
-    pub fn bytes(&self) -> usize {
-        self.0.capacity()
-    }
 }
 
 /// A surface of the search: its hierarchy, and its place in the world.

@@ -72,6 +72,7 @@ impl Encode for KeyValue {
             Self::Whole(number) => number.encode(to),
             Self::Vector(vector) => vector.encode(to),
             Self::Order(order) => to.choice(order.name()),
+            Self::Names(_, chosen) => chosen.encode(to),
         }
     }
 }

@@ -8,7 +8,8 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 pub(super) use builder::Builder;
-use given::{attach, displace, forces, hold};
+pub(super) use given::attach;
+use given::{displace, forces, hold};
 
 use super::assets::Assets;
 use super::equilibrium::Equilibrium;
@@ -81,21 +82,20 @@ pub struct Body {
 }
 
 impl Body {
-    /// Creates a muscle; `placed` are all obstacles at frame 0.
+    /// Creates a muscle with its attached vertices and its shape at the start; `placed` are all
+    /// obstacles at frame 0.
     ///
     /// # Errors
-    /// An attachment with no vertices, too many, or vertices that do not exist.
-    pub fn new(
+    /// A force or displacement of a vertex that does not exist, or an impossible equilibrium.
+    pub(super) fn new(
         scene: &Scene,
         assets: &Assets,
         m: usize,
         plan: &MusclePlan,
         placed: &[PosedObstacle],
+        (attached, rest, untangled): (Vec<Attached>, Arc<Rest>, Untangled),
     ) -> Result<Self, LoadError> {
         let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
-        let read = assets.ready.rest(&asset.mesh);
-        let attached = attach(scene, m, &read, assets, placed)?;
-        let (rest, untangled) = at_rest(scene, assets, plan, placed, read);
         let (mesh, topology) = (&rest.mesh, &*rest.topology());
         let particles = particles_at_rest(scene, m, mesh, &attached, plan)?;
         let length = mesh.length();
@@ -319,27 +319,6 @@ fn same_bits(a: &Particles, b: &Particles) -> bool {
         .zip(&b.position)
         .all(|(a, b)| same(&a.coords, &b.coords));
     positions && a.velocity.iter().zip(&b.velocity).all(|(a, b)| same(a, b))
-}
-
-/// The shape at rest: that of the plan, or as `read` without its overlap with bones.
-fn at_rest(
-    scene: &Scene,
-    assets: &Assets,
-    plan: &MusclePlan,
-    placed: &[PosedObstacle],
-    read: Arc<Rest>,
-) -> (Arc<Rest>, Untangled) {
-    if let Some(mesh) = &plan.rest {
-        return (assets.ready.rest(mesh), Untangled::default());
-    }
-    match scene.effects.contact {
-        Some(contact) if !plan.obstacles.is_empty() => {
-            let (obstacles, thickness) = (&plan.obstacles, contact.thickness);
-            let clear = assets.ready.clear(&read, placed, obstacles, thickness);
-            (clear.rest.clone(), clear.done)
-        }
-        _ => (read, Untangled::default()),
-    }
 }
 
 /// The particles at the start: those that are held or fixed have no inverse mass.

@@ -1,6 +1,7 @@
 //! Errors of the meshes and attachments of a scene, with the line of the scene that causes them.
 
 use super::springs::SpringsModelError;
+use crate::contact::apart::Inseparable;
 use crate::io::ReadError;
 use crate::scene::{Scene, SceneError, SceneOrigin, SceneProblem};
 use crate::skin::SkinError;
@@ -108,6 +109,9 @@ pub enum Fault {
     /// E079: a spring system cannot run to rest.
     #[error(transparent)]
     Springs(#[from] SpringsModelError),
+    /// E080: two surfaces that cannot be parted at the start.
+    #[error(transparent)]
+    Inseparable(#[from] Inseparable),
 }
 
 impl Fault {
@@ -131,6 +135,7 @@ impl Fault {
             Self::Skin(_) => "E076",
             Self::Lattice(_) => "E077",
             Self::Springs(_) => "E079",
+            Self::Inseparable(_) => "E080",
         }
     }
 
@@ -162,6 +167,8 @@ impl Fault {
             Self::Skin(error) => error.help().to_owned(),
             Self::Lattice(_) => "change `stiffness`, `mass`, `damping` or `frame_rate`".to_owned(),
             Self::Springs(error) => error.help().to_owned(),
+            Self::Inseparable(_) => "check that both meshes belong together and their units are right (`pliant check A B` \
+                shows where they overlap), or leave [effects.contact] out".to_owned(),
         }
     }
 }

@@ -17,6 +17,7 @@ pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod skin;
 pub(crate) mod springs;
+mod start;
 mod steer;
 mod together;
 
@@ -47,11 +48,12 @@ pub use scenario::{
     BodyDescription, FrameState, GeometricRun, Scenario, ScenarioError, ScenarioKind,
     SceneDescription, Stepped, scenario, scenario_with,
 };
+use start::Start;
 
 use crate::contact::broad_phase::BroadPhase;
 use crate::contact::capsule::Capsule;
 use crate::contact::meeting::Certificate;
-use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
+use crate::contact::{Contacts, Obstacle, PartedPair, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;
@@ -70,6 +72,8 @@ pub struct Simulation {
     pub plan: Plan,
     /// Muscles.
     pub bodies: Vec<Body>,
+    /// Pairs of muscles, or of a muscle and a bone, that overlapped before the start.
+    pub parted: Vec<PartedPair>,
     /// Bone meshes in their own frame.
     pub bones: Vec<TriangleMesh>,
     /// Notes from reading and from the run.
@@ -110,8 +114,10 @@ impl Simulation {
         for (placed, capsule) in placed[scene.bones.len()..].iter_mut().zip(&scene.capsules) {
             placed.obstacle = assets.ready.capsule(capsule.segment, capsule.radius);
         }
+        let start = Start::new(&scene, &assets, &plan, &placed, &surfaces)?;
         let bodies = (0..scene.muscles.len())
-            .map(|m| Body::new(&scene, &assets, m, &plan.muscles[m], &placed))
+            .zip(start.muscles)
+            .map(|(m, start)| Body::new(&scene, &assets, m, &plan.muscles[m], &placed, start))
             .collect::<Result<Vec<_>, _>>()?;
         let mut notes = Vec::new();
         for (bone, found) in scene.bones.iter().zip(&assets.bone_notes) {
@@ -124,6 +130,7 @@ impl Simulation {
         Ok(Self {
             plan,
             bodies,
+            parted: start.pairs,
             bones: assets.bones,
             notes,
             surfaces,
@@ -309,6 +316,7 @@ impl State for Simulation {
             scene: _,
             plan: _,
             bodies,
+            parted: _,
             bones: _,
             notes,
             surfaces: _,

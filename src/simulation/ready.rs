@@ -9,6 +9,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
+use super::attachments::Attached;
+use crate::contact::apart::{self, Gaps, Inseparable, Moved, PartedPair, RigidBody, SoftBody};
 use crate::contact::capsule::Capsule;
 use crate::contact::untangle::{self, Untangled};
 use crate::contact::{Obstacle, PosedObstacle, Projection, Surface};
@@ -98,6 +100,7 @@ pub(super) struct Ready {
     capsules: Kept<Capsule>,
     rests: Kept<Rest>,
     clear: Kept<Clear>,
+    parted: Kept<(Among, Result<Apart, Inseparable>)>,
     obstacles: usize,
 }
 
@@ -116,6 +119,7 @@ impl Ready {
             capsules: Kept::new(capsules),
             rests: Kept::new(SHAPES * muscles),
             clear: Kept::new(SHAPES * muscles),
+            parted: Kept::new(SHAPES),
             obstacles: surfaces + capsules,
         }
     }
@@ -127,6 +131,7 @@ impl Ready {
             capsules: Kept::new(self.capsules.most),
             rests: Kept::new(self.rests.most),
             clear: Kept::new(self.clear.most),
+            parted: Kept::new(self.parted.most),
             obstacles: self.obstacles,
         }
     }
@@ -151,6 +156,16 @@ impl Ready {
             |rest| rest.mesh == *mesh,
             || Rest::new(mesh.clone(), self.obstacles),
         )
+    }
+
+    /// The muscles moved apart from each other, and to their sides of the bones.
+    pub fn parted(&self, among: Among) -> Arc<(Among, Result<Apart, Inseparable>)> {
+        let is = |kept: &(Among, _)| kept.0.is(&among);
+        let make = || {
+            let parted = among.part(self);
+            (among.clone(), parted)
+        };
+        self.parted.get(is, make)
     }
 
     /// A muscle's shape moved out of the obstacles to `thickness` [m], with the measures of
@@ -202,6 +217,96 @@ pub(super) struct Clear {
     pub rest: Arc<Rest>,
     /// Measures of the removal of overlap.
     pub done: Untangled,
+}
+
+/// The muscles and bones of a parting.
+#[derive(Clone)]
+pub(super) struct Among {
+    /// Names of the muscles.
+    pub names: Vec<String>,
+    /// Their shapes as read.
+    pub read: Vec<Arc<Rest>>,
+    /// Their shapes without overlap with bones.
+    pub clear: Vec<Arc<Rest>>,
+    /// Their attached vertices.
+    pub attached: Vec<Vec<Attached>>,
+    /// Name, surface and pose of each bone.
+    pub bones: Vec<(String, Arc<Surface>, Isometry3<f64>)>,
+    /// Distances to keep.
+    pub gaps: Gaps,
+}
+
+/// Muscles that were moved apart.
+pub(super) struct Apart {
+    /// Each muscle's shape, with its motion from the shape as read.
+    pub muscles: Vec<(Arc<Rest>, Moved)>,
+    /// The pairs that overlapped.
+    pub pairs: Vec<PartedPair>,
+}
+
+impl Among {
+    /// True if this is the same parting.
+    fn is(&self, other: &Self) -> bool {
+        let same = |a: &[Arc<Rest>], b: &[Arc<Rest>]| {
+            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| Arc::ptr_eq(a, b))
+        };
+        let bones = self.bones.iter().zip(&other.bones);
+        same(&self.read, &other.read)
+            && same(&self.clear, &other.clear)
+            && self.names == other.names
+            && self.attached == other.attached
+            && self.gaps == other.gaps
+            && self.bones.len() == other.bones.len()
+            && bones
+                .into_iter()
+                .all(|((_, a, at), (_, b, there))| Arc::ptr_eq(a, b) && same_pose(at, there))
+    }
+
+    fn part(&self, ready: &Ready) -> Result<Apart, Inseparable> {
+        // Only a closed surface has an inside that others can leave.
+        let closed: Vec<usize> = (0..self.clear.len())
+            .filter(|&m| self.clear[m].topology().is_closed())
+            .collect();
+        let surfaces: Vec<Arc<Surface>> = closed.iter().map(|&m| self.clear[m].surface()).collect();
+        let soft: Vec<SoftBody<'_>> = closed
+            .iter()
+            .zip(&surfaces)
+            .map(|(&m, surface)| SoftBody {
+                name: &self.names[m],
+                mesh: &self.read[m].mesh,
+                surface,
+                held: self.attached[m].iter().map(|(v, _)| *v).collect(),
+                fixed: false,
+            })
+            .collect();
+        let rigid: Vec<RigidBody<'_>> = self
+            .bones
+            .iter()
+            .map(|(name, surface, pose)| RigidBody {
+                name,
+                surface,
+                pose: *pose,
+            })
+            .collect();
+        let parted = apart::part(&soft, &rigid, self.gaps)?;
+        let mut muscles: Vec<(Arc<Rest>, Moved)> = self
+            .clear
+            .iter()
+            .map(|rest| (rest.clone(), Moved::default()))
+            .collect();
+        for ((&m, position), moved) in closed.iter().zip(parted.positions).zip(parted.moved) {
+            let Some(vertices) = position else { continue };
+            let mesh = TriangleMesh {
+                vertices,
+                triangles: self.clear[m].mesh.triangles.clone(),
+            };
+            muscles[m] = (ready.rest(&mesh), moved);
+        }
+        Ok(Apart {
+            muscles,
+            pairs: parted.pairs,
+        })
+    }
 }
 
 /// A muscle's rest shape with its derived data so far.

@@ -318,7 +318,7 @@ fn slides_within(key: &KeySpec) -> bool {
     let limit = match key.kind {
         KeyKind::Number(limit) | KeyKind::Quantity(_, limit) => limit,
         KeyKind::Whole(_) => Limit::Within(1.0, 1e6),
-        KeyKind::Vector(_) | KeyKind::Order => return true,
+        KeyKind::Vector(_) | KeyKind::Order | KeyKind::Names(_) => return true,
     };
     let allowed = |value: f64| match limit {
         Limit::Any => true,

@@ -2,6 +2,7 @@
 
 mod accuracy;
 mod biceps;
+mod apart;
 mod bodies;
 mod broad_phase;
 mod checkpoint;

@@ -2,7 +2,7 @@
 
 mod series;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
@@ -226,7 +226,7 @@ impl Frames {
 }
 
 /// Reads a surface; a coordinate that is not finite is a result, any other error a failure.
-fn load(path: &PathBuf) -> Result<Loaded, Failure> {
+fn load(path: &Path) -> Result<Loaded, Failure> {
     let mesh = match io::read(path) {
         Ok(file) => Ok(file.mesh),
         Err(ReadError::Content {
@@ -236,7 +236,7 @@ fn load(path: &PathBuf) -> Result<Loaded, Failure> {
         Err(error) => return Err(LoadError::from(Box::new(error)).into()),
     };
     Ok(Loaded {
-        path: path.clone(),
+        path: path.to_path_buf(),
         mesh: Arc::new(mesh),
     })
 }

@@ -1,6 +1,7 @@
 //! `pliant check`: defects of meshes, their fitness for simulations, and repairs.
 
 mod checked;
+mod overlaps;
 mod words;
 
 use std::collections::HashMap;
@@ -16,6 +17,7 @@ use super::options::Printing;
 use super::{BAD_INPUT, length_unit};
 use crate::report::output::{RunOutput, Verdict, json_text};
 use checked::{Checked, Outcome};
+use overlaps::Overlaps;
 use pliant::io::write_whole;
 use pliant::mesh::{LONGEST_RIM, RepairOptions};
 use pliant::scene::units::{self, Dimension};
@@ -28,11 +30,15 @@ Examples:
   pliant check muscles/*.obj --unit mm --json > health.json
   pliant check psoas.vtk --repair repaired --close-holes
   pliant check scan.stl --unit mm --repair repaired --merge-within '0.01 mm' --keep-largest
+  pliant check psoas.obj iliacus.obj --fixed femur.obj hip.obj --part parted
 
 A repair merges vertices of rims that lie in one place, drops repeated triangles and unused vertices, cuts triangles
 without area, takes surfaces apart where more than two triangles meet, and turns triangles outward. It moves nothing,
 unless --merge-within is given. DIR gets each mesh under its own name (STL, which cannot hold vertices, OFF and DirectX get
 .obj behind it; attributes such as colours are not kept) and changes.json, which lists the elements that each step changed.
+
+Of several meshes in one frame, the check also shows which overlap: crossing triangles (exact), vertices inside, depth, place.
+--part moves their vertices until no two triangles cross, with the volumes kept.
 
 Exit codes: 0 a simulation takes every mesh (with --repair: every repaired mesh); 1 it refuses one (a code with E);
 2 a file cannot be read as a mesh, or the usage is wrong.")]
@@ -47,6 +53,12 @@ pub(super) struct Arguments {
     /// Write repaired meshes into this folder
     #[arg(long, value_name = "DIR")]
     repair: Option<PathBuf>,
+    /// Part meshes that overlap and write them into this folder, each under its own name
+    #[arg(long, value_name = "DIR", conflicts_with = "repair")]
+    part: Option<PathBuf>,
+    /// Also search for overlap with these meshes, which --part does not move, such as bones
+    #[arg(long, value_name = "MESH", num_args = 1..)]
+    fixed: Vec<PathBuf>,
     /// Also close holes of at most N edges [1 to 500; 100 without a number]
     #[arg(long, value_name = "N", requires = "repair", num_args = 0..=1, require_equals = true, default_missing_value = "100",
         value_parser = clap::value_parser!(u16).range(1..=LONGEST_RIM as i64))]
@@ -58,8 +70,8 @@ pub(super) struct Arguments {
     /// --unit
     #[arg(long, value_name = "LENGTH", requires_all = ["repair", "unit"])]
     merge_within: Option<String>,
-    /// Overwrite existing repaired meshes and changes.json
-    #[arg(long, requires = "repair")]
+    /// Overwrite existing repaired or parted meshes and changes.json
+    #[arg(long)]
     force: bool,
     #[command(flatten)]
     printing: Printing,
@@ -70,17 +82,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let unit = arguments.unit.as_deref().map(length_unit).transpose()?;
     let options = options(arguments, unit)?;
     let targets = targets(arguments)?;
+    let (repaired, parted) = match arguments.part {
+        None => (targets.as_slice(), [].as_slice()),
+        Some(_) => ([].as_slice(), targets.as_slice()),
+    };
     let work: Vec<(&PathBuf, Option<&PathBuf>)> = arguments
         .meshes
         .iter()
         .enumerate()
-        .map(|(k, mesh)| (mesh, targets.get(k)))
+        .map(|(k, mesh)| (mesh, repaired.get(k)))
         .collect();
     let outcomes: Vec<Outcome> = work
         .into_par_iter()
         .map(|(mesh, target)| checked::check(mesh, unit, target.map(PathBuf::as_path), &options))
         .collect();
-    let mut output = output(arguments, &outcomes, &targets);
+    let overlaps = match arguments.meshes.len() + arguments.fixed.len() {
+        0 | 1 => Overlaps::default(),
+        _ => overlaps::find(&arguments.meshes, &arguments.fixed, parted)?,
+    };
+    let mut output = output(arguments, &outcomes, repaired, &overlaps);
     output.time_s = begun.elapsed().as_secs_f64();
     if let Some(folder) = &arguments.repair {
         let path = folder.join(CHANGES);
@@ -102,7 +122,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 const CHANGES: &str = "changes.json";
 
 /// The result; `targets` are the repaired meshes.
-fn output(arguments: &Arguments, outcomes: &[Outcome], targets: &[PathBuf]) -> RunOutput<'static> {
+fn output(
+    arguments: &Arguments,
+    outcomes: &[Outcome],
+    targets: &[PathBuf],
+    overlaps: &Overlaps,
+) -> RunOutput<'static> {
     let verdicts = outcomes.iter().map(|outcome| {
         let fit = outcome.checked().is_some_and(Checked::is_fit);
         let verdict = Verdict::new("a simulation accepts the mesh", fit).at(outcome.file());
@@ -117,13 +142,15 @@ fn output(arguments: &Arguments, outcomes: &[Outcome], targets: &[PathBuf]) -> R
     let repaired = repaired.map(|(target, _)| target.display().to_string());
     let changes = arguments.repair.iter().map(|folder| folder.join(CHANGES));
     let changes = changes.map(|path| path.display().to_string());
+    let parted = overlaps.written.iter();
+    let parted = parted.map(|path| path.display().to_string());
     RunOutput {
         kind: "check",
         name,
-        measures: json!({"meshes": outcomes}),
+        measures: json!({"meshes": outcomes, "overlaps": overlaps.measures()}),
         verdicts: verdicts.collect(),
-        text: words::report(outcomes, arguments.unit.as_deref()),
-        written: repaired.chain(changes).collect(),
+        text: words::report(outcomes, arguments.unit.as_deref()) + &overlaps.text(),
+        written: repaired.chain(changes).chain(parted).collect(),
         ..RunOutput::default()
     }
 }
@@ -152,9 +179,10 @@ fn options(arguments: &Arguments, unit: Option<f64>) -> Result<RepairOptions, Fa
     })
 }
 
-/// The path of each repaired mesh; empty without --repair. Input files are never overwritten.
+/// The path of each repaired or parted mesh; empty without --repair and --part. Input files are
+/// never overwritten.
 fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
-    let Some(folder) = &arguments.repair else {
+    let Some(folder) = arguments.repair.as_ref().or(arguments.part.as_ref()) else {
         return Ok(Vec::new());
     };
     let mut taken: HashMap<PathBuf, &PathBuf> = HashMap::new();
@@ -168,17 +196,14 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
                 mesh.display(),
                 target.display()
             );
-            return Err(Failure::usage(
-                message,
-                "repair them into different folders",
-            ));
+            return Err(Failure::usage(message, "write them into different folders"));
         }
         targets.push(target);
     }
     std::fs::create_dir_all(folder).map_err(|e| {
         Failure::usage(
             format!("{}: no folder can be made there: {e}", folder.display()),
-            "name another folder for --repair",
+            "name another folder",
         )
     })?;
     let same = |a: &Path, b: &Path| {
@@ -188,10 +213,11 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
     for target in &targets {
         if let Some(mesh) = arguments.meshes.iter().find(|mesh| same(mesh, target)) {
             let message = format!("{} would be written over", mesh.display());
-            return Err(Failure::usage(message, "name another folder for --repair"));
+            return Err(Failure::usage(message, "name another folder"));
         }
     }
-    let lists = [folder.join(CHANGES)];
+    let lists = arguments.repair.iter().map(|folder| folder.join(CHANGES));
+    let lists: Vec<PathBuf> = lists.collect();
     if let Some(old) = targets
         .iter()
         .chain(&lists)

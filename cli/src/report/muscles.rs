@@ -3,12 +3,13 @@
 mod shown;
 
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::audit::{self, RunAudit};
 use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
+use pliant::contact::PartedPair;
 use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::Solver;
 use pliant::simulation::{Body, Measures, Simulation, VOLUME_HELD};
@@ -18,6 +19,11 @@ use pliant::simulation::{Body, Measures, Simulation, VOLUME_HELD};
 const RETURN_DISTANCE: f64 = 0.02;
 /// Greatest strain of its edges then.
 const RETURN_STRETCH: f64 = 0.05;
+
+/// Greatest RMS motion of a muscle by the parting of overlapping surfaces at the start [m].
+const START_MOTION: f64 = 2e-3;
+/// Greatest relative change of volume by it.
+const START_VOLUME: f64 = 1e-6;
 
 /// One muscle over the run. Greatest values are over all frames including the start; exact winding
 /// numbers decide whether a vertex of a bone is inside.
@@ -113,6 +119,7 @@ pub(super) fn output(
         verdicts.extend(verdicts_of(simulation, m, summary));
     }
     verdicts.extend(audit::crossing_verdicts(&audit.summary, SEE_AUDIT));
+    verdicts.extend(simulation.parted.iter().flat_map(start_verdicts));
     let cuts = simulation.bodies.iter().filter_map(cut);
     let plot = |plot| Plot { file: None, plot };
     let mut tables = shown::tables(&muscles, &record, &solver(&simulation.scene.solver));
@@ -140,6 +147,7 @@ pub(super) fn output(
             .chain(cuts)
             .chain([audit.note()])
             .collect(),
+        start: Some(simulation.parted.iter().map(start).collect()),
         text: shown::text(&muscles),
         tables,
         audit: Some(audit.measures()),
@@ -147,6 +155,30 @@ pub(super) fn output(
         data: record.into_data().into(),
         ..RunOutput::default()
     }
+}
+
+/// A pair of surfaces that was parted before the start.
+fn start(parted: &PartedPair) -> Value {
+    json!({
+        "pair": parted.pair,
+        "crossings": parted.crossings,
+        "depth_m": parted.depth,
+        "moved_rms_m": parted.moved.rms,
+        "moved_max_m": parted.moved.max,
+        "volume_change": parted.moved.volume_change,
+    })
+}
+
+/// Whether the parting of a pair kept shape and volume.
+fn start_verdicts(parted: &PartedPair) -> [Verdict; 2] {
+    let pair = parted.pair.join(" and ");
+    let name = "motion that parted overlapping surfaces at the start, RMS";
+    let moved = Verdict::at_most(name, parted.moved.rms, START_MOTION).in_unit("m");
+    let name = "relative change of volume by the parting at the start";
+    let volume = Verdict::at_most(name, parted.moved.volume_change.abs(), START_VOLUME);
+    let advice =
+        "part the surfaces in a program for meshes; `pliant check A B` shows where they overlap";
+    [moved, volume].map(|verdict| verdict.at(pair.as_str()).else_do(advice))
 }
 
 /// The times of the frames.

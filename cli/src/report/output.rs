@@ -296,6 +296,8 @@ pub struct RunOutput<'a> {
     pub scene: Option<SceneRun>,
     /// The audit of the frames of a run.
     pub audit: Option<Value>,
+    /// Pairs of surfaces that were parted before the start of a run.
+    pub start: Option<Value>,
     /// Checks.
     pub verdicts: Vec<Verdict>,
     /// Observations that are neither right nor wrong.
@@ -376,6 +378,9 @@ impl RunOutput<'_> {
         }
         if let Some(audit) = &self.audit {
             all.insert("audit".to_owned(), audit.clone());
+        }
+        if let Some(start) = &self.start {
+            all.insert("start".to_owned(), start.clone());
         }
         if let Value::Object(scene) = json!(self.scene) {
             all.extend(scene);

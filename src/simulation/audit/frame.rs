@@ -458,7 +458,7 @@ fn inside_of(points: &Kept, of: &Examined<'_>, deep: f64) -> Vec<(usize, f64)> {
 /// `index` holds.
 fn at_held(soft: &AuditedSurface<'_>, index: usize, crossings: &Crossings) -> usize {
     let is_held = |&v: &u32| soft.held.get(v as usize) == Some(&Some(index));
-    let at_held = |[t, _]: &&[u32; 2]| soft.triangles[*t as usize].iter().any(|v| is_held(v));
+    let at_held = |[t, _]: &&[u32; 2]| soft.triangles[*t as usize].iter().any(is_held);
     crossings.pairs.iter().filter(at_held).count()
 }
 

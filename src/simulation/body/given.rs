@@ -14,7 +14,7 @@ use crate::simulation::fault::{Fault, LoadError};
 use crate::simulation::ready::Rest;
 use crate::solvers::Held;
 
-pub(super) fn attach(
+pub(in crate::simulation) fn attach(
     scene: &Scene,
     m: usize,
     rest: &Rest,

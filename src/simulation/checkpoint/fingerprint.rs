@@ -112,6 +112,7 @@ impl Fingerprint {
         let MusclePlan {
             effects,
             obstacles,
+            partners,
             fixed: _,
             rest: _,
         } = plan;
@@ -119,6 +120,10 @@ impl Fingerprint {
         self.add(
             format!("the bones in reach of muscle `{name}` over all requested frames"),
             obstacles,
+        );
+        self.add(
+            format!("the muscles that muscle `{name}` can meet"),
+            partners,
         );
     }
 

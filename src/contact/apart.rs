@@ -1,0 +1,497 @@
+//! Removal of overlap between several muscles, and between muscles and bones, before the motion
+//! begins.
+
+mod crossing;
+mod overlap;
+mod push;
+mod sides;
+mod solid;
+
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+
+use crossing::{Faced, Piercing, crossings, piercings};
+use overlap::Overlap;
+use push::{Pair, Push, Watch, apply};
+use sides::Sides;
+use solid::Solid;
+
+use crate::contact::surface::Surface;
+use crate::mesh::TriangleMesh;
+use crate::mesh::measures::max_or_nan;
+
+/// Greatest number of rounds in which displacements are smoothed.
+const ROUNDS: usize = 80;
+/// Rounds between two searches for vertices on a wrong side.
+const LOOK: usize = 10;
+/// Greatest number of rounds in which only pushes and volumes act.
+const LAST: usize = 200;
+/// Sweeps that smooth displacements, in the first to the last quarter of the rounds: a smooth
+/// displacement neither folds a surface nor tears its walls apart.
+const SMOOTHING: [usize; 4] = [5, 5, 5, 2];
+/// Greatest number of attempts to return towards the shapes as read, the share of the way of the
+/// first, and rounds of each.
+const RETURNS: usize = 12;
+const RETURN: f64 = 0.25;
+const RETURN_ROUNDS: usize = 10;
+/// Number of sweeps over the pushes of one round.
+const SWEEPS: usize = 4;
+/// Greatest motion by the pushes of one round, relative to the median edge.
+const STRIDE: f64 = 0.15;
+/// Inverse mass of a held vertex, relative to a free one.
+const HELD: f64 = 0.25;
+/// Greatest relative error of a volume.
+const VOLUME: f64 = 1e-9;
+
+/// A muscle to be parted from its neighbours.
+pub struct SoftBody<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its surface as read, whose edges, angles and volume are kept as far as possible.
+    pub mesh: &'a TriangleMesh,
+    /// The same surface at its positions now.
+    pub surface: &'a Surface,
+    /// Vertices held by bones, which yield less than free ones.
+    pub held: Vec<u32>,
+    /// True if it may not move at all.
+    pub fixed: bool,
+}
+
+/// A bone from which muscles are parted.
+pub struct RigidBody<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its surface in its own frame.
+    pub surface: &'a Surface,
+    /// Its pose.
+    pub pose: Isometry3<f64>,
+}
+
+/// Distances to keep.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gaps {
+    /// Between a muscle and a bone [m].
+    pub to_bones: f64,
+    /// Between two muscles [m].
+    pub between: f64,
+}
+
+/// Motion of a muscle from its positions as read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Moved {
+    /// Root mean square over the vertices [m].
+    pub rms: f64,
+    /// Greatest of a vertex [m].
+    pub max: f64,
+    /// Relative change of the enclosed volume.
+    pub volume_change: f64,
+}
+
+/// What the parting of two surfaces found and did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartedPair {
+    /// Names of the two surfaces; the first is a muscle.
+    pub pair: [String; 2],
+    /// Greatest depth of a vertex of one in the other before [m].
+    pub depth: f64,
+    /// Number of pairs of triangles that crossed before.
+    pub crossings: usize,
+    /// Number of vertices of the first in the second before, and of the second in the first.
+    pub inside: [usize; 2],
+    /// A place of the overlap [m].
+    pub place: Point3<f64>,
+    /// Motion of the muscle of the pair that moved more, over all its vertices.
+    pub moved: Moved,
+}
+
+/// Muscles without overlap.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Parted {
+    /// New positions of each muscle [m]; `None` for a muscle that did not move.
+    pub positions: Vec<Option<Vec<Point3<f64>>>>,
+    /// Motion of each muscle.
+    pub moved: Vec<Moved>,
+    /// The pairs that overlapped.
+    pub pairs: Vec<PartedPair>,
+}
+
+/// Two surfaces that cannot be parted.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{} and {} cannot be parted: {crossings} pairs of triangles cross, the first near ({:.4}, {:.4}, {:.4}) m",
+    .pair[0], .pair[1], .place[0], .place[1], .place[2])]
+pub struct Inseparable {
+    /// Their names.
+    pub pair: [String; 2],
+    /// A place where they cross [m].
+    pub place: [f64; 3],
+    /// Number of pairs of triangles that still cross.
+    pub crossings: usize,
+}
+
+/// The pairs that overlap, without a motion.
+pub fn overlaps(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>]) -> Vec<PartedPair> {
+    let name = |s: usize| match s.checked_sub(soft.len()) {
+        None => soft[s].name,
+        Some(bone) => rigid[bone].name,
+    };
+    let all = overlap::find(soft, rigid).into_iter();
+    all.map(|overlap| overlap.pair(overlap.of.map(name), Moved::default()))
+        .collect()
+}
+
+/// Moves muscles apart from each other and out of bones until no two triangles cross, with their
+/// volumes kept. Muscles without overlap are unchanged.
+///
+/// # Errors
+/// Two surfaces that still cross at the end.
+pub fn part(
+    soft: &[SoftBody<'_>],
+    rigid: &[RigidBody<'_>],
+    gaps: Gaps,
+) -> Result<Parted, Inseparable> {
+    let overlaps = overlap::find(soft, rigid);
+    if overlaps.is_empty() {
+        return Ok(Parted {
+            positions: vec![None; soft.len()],
+            moved: vec![Moved::default(); soft.len()],
+            pairs: Vec::new(),
+        });
+    }
+    let mut scene = Scene::new(soft, rigid, gaps);
+    let mut seen = scene.look(true);
+    for round in 0..ROUNDS + LAST {
+        if round >= ROUNDS && seen.is_clear() && scene.is_sound() {
+            break;
+        }
+        scene.activate(&seen);
+        apply(&mut scene.all, &seen.pushes, SWEEPS);
+        scene.unfold();
+        match round < ROUNDS {
+            true => scene.relax(&seen.pushes, SMOOTHING[SMOOTHING.len() * round / ROUNDS]),
+            false => scene.keep_volumes(&seen.pushes),
+        }
+        seen = scene.look(round % LOOK == LOOK - 1);
+    }
+    if let Some((of, crossings, place)) = scene.worst(&seen) {
+        return Err(Inseparable {
+            pair: of.map(|s| scene.all[s].name.clone()),
+            place: place.into(),
+            crossings,
+        });
+    }
+    scene.settle_back();
+    Ok(scene.result(overlaps))
+}
+
+/// All surfaces, muscles first.
+struct Scene {
+    all: Vec<Solid>,
+    soft: usize,
+    gaps: Gaps,
+    /// Of each ordered pair: what is known of distances, and vertices with a side.
+    watches: Vec<Watch>,
+    sides: Vec<Sides>,
+    /// True for muscles that may move.
+    active: Vec<bool>,
+    inverse_mass: Vec<Vec<f64>>,
+}
+
+/// What one look at all pairs finds.
+#[derive(Default)]
+struct Seen {
+    pushes: Vec<Push>,
+    /// Crossing triangles of each pair.
+    crossing: Vec<([usize; 2], Vec<[u32; 2]>)>,
+    /// Greatest depth of each pair [m].
+    depth: Vec<f64>,
+}
+
+impl Seen {
+    fn count(&self) -> usize {
+        self.crossing.iter().map(|(_, c)| c.len()).sum()
+    }
+
+    fn is_clear(&self) -> bool {
+        self.count() == 0 && self.depth.iter().all(|d| *d <= 0.0)
+    }
+}
+
+impl Scene {
+    fn new(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>], gaps: Gaps) -> Self {
+        let muscles = soft.par_iter().map(|body| {
+            let mut solid = Solid::soft(body.name, body.mesh);
+            solid
+                .particles
+                .position
+                .copy_from_slice(body.surface.positions());
+            solid.refit();
+            solid
+        });
+        let mut all: Vec<Solid> = muscles.collect();
+        let bones = rigid.par_iter();
+        all.par_extend(bones.map(|body| Solid::rigid(body.name, body.surface, &body.pose)));
+        let count = all.len();
+        Self {
+            soft: soft.len(),
+            gaps,
+            watches: (0..count * count).map(|_| Watch::default()).collect(),
+            sides: vec![Sides::new(); count * count],
+            active: vec![false; count],
+            inverse_mass: soft.iter().map(inverse_mass).collect(),
+            all,
+        }
+    }
+
+    /// The pairs that may touch, a muscle first.
+    fn near(&self) -> Vec<[usize; 2]> {
+        let gap = |j: usize| {
+            if j < self.soft {
+                self.gaps.between
+            } else {
+                self.gaps.to_bones
+            }
+        };
+        (0..self.soft)
+            .flat_map(|i| (i + 1..self.all.len()).map(move |j| [i, j]))
+            .filter(|&[i, j]| {
+                self.all[i]
+                    .bounds
+                    .inflate(gap(j))
+                    .intersects(&self.all[j].bounds)
+            })
+            .collect()
+    }
+
+    /// Finds crossings and pushes; with `sides` also vertices on wrong sides.
+    fn look(&mut self, sides: bool) -> Seen {
+        let mut seen = Seen::default();
+        for [i, j] in self.near() {
+            let [one, other] = [i, j].map(|s| Faced::new(self.all[s].x(), &self.all[s].surface));
+            let crossing = crossings(&one, &other);
+            let mut depth = 0.0;
+            for (of, from) in [([i, j], 0), ([j, i], 1)] {
+                let pierced = {
+                    let pairs = crossing.iter().map(|c| (c[from], c[1 - from]));
+                    piercings(&self.all[of[0]], &self.all[of[1]], pairs)
+                };
+                if sides && !crossing.is_empty() && of[0] < self.soft {
+                    self.find_sides(of, &pierced);
+                }
+                let at = of[0] * self.all.len() + of[1];
+                let mut watch = std::mem::take(&mut self.watches[at]);
+                let pair = self.pair(of);
+                let (pushes, deepest) = pair.of_vertices(&mut watch);
+                depth = max_or_nan([depth, deepest]);
+                seen.pushes.extend(pushes);
+                seen.pushes.extend(pair.of_edges(&pierced));
+                self.watches[at] = watch;
+            }
+            seen.crossing.push(([i, j], crossing));
+            seen.depth.push(depth);
+        }
+        seen
+    }
+
+    fn pair(&self, of: [usize; 2]) -> Pair<'_> {
+        let soft = of[0].max(of[1]) < self.soft;
+        Pair {
+            of,
+            a: &self.all[of[0]],
+            b: &self.all[of[1]],
+            gap: if soft {
+                self.gaps.between
+            } else {
+                self.gaps.to_bones
+            },
+            most: self.stride(of),
+            sides: &self.sides[of[0] * self.all.len() + of[1]],
+        }
+    }
+
+    /// Greatest motion by the pushes of one round [m].
+    fn stride(&self, of: [usize; 2]) -> f64 {
+        let soft = of.iter().filter(|&&s| s < self.soft);
+        let edge = soft
+            .map(|&s| self.all[s].edge)
+            .fold(f64::INFINITY, f64::min);
+        STRIDE * edge
+    }
+
+    /// Finds the vertices of a muscle that must leave another surface on a given side.
+    fn find_sides(&mut self, of: [usize; 2], pierced: &[Piercing]) {
+        let pair = self.pair(of);
+        let exits = pair.exits();
+        let inside: Vec<bool> = exits.iter().map(Option::is_some).collect();
+        let lost = sides::lost(pair.a, &inside, pierced);
+        let at = of[0] * self.all.len() + of[1];
+        let mut sides = std::mem::take(&mut self.sides[at]);
+        sides.resize(lost.len(), None);
+        let [a, b] = of.map(|s| &self.all[s]);
+        sides::directions(a, b, &lost, pierced, &mut sides);
+        sides::common(a, &exits, &mut sides);
+        self.watches[at] = Watch::default();
+        self.sides[at] = sides;
+    }
+
+    /// Lets the muscles of overlapping pairs move.
+    fn activate(&mut self, seen: &Seen) {
+        for ((of, crossing), depth) in seen.crossing.iter().zip(&seen.depth) {
+            if crossing.is_empty() && *depth <= 0.0 {
+                continue;
+            }
+            for &s in of.iter().filter(|&&s| s < self.soft) {
+                if !self.active[s] {
+                    self.active[s] = true;
+                    self.all[s]
+                        .particles
+                        .inverse_mass
+                        .clone_from(&self.inverse_mass[s]);
+                }
+            }
+        }
+    }
+
+    /// Smooths the displacements of all muscles that move.
+    fn relax(&mut self, pushes: &[Push], smoothing: usize) {
+        let held = self.held(pushes);
+        self.moving().zip(&held).for_each(|(solid, held)| {
+            if let Some(solid) = solid {
+                solid.relax(held, smoothing);
+                solid.refit();
+            }
+        });
+    }
+
+    /// Each surface, `None` if it does not move.
+    fn moving(&mut self) -> impl IndexedParallelIterator<Item = Option<&mut Solid>> {
+        self.all
+            .par_iter_mut()
+            .zip(&self.active)
+            .map(|(solid, active)| active.then_some(solid))
+    }
+
+    /// Smooths muscles where they cross themselves.
+    fn unfold(&mut self) {
+        self.moving().flatten().for_each(|solid| {
+            if let Some(folded) = solid.folded() {
+                solid.smooth(&folded);
+                solid.refit();
+            }
+        });
+    }
+
+    /// Moves parted muscles back towards their shapes as read, as far as they stay parted.
+    fn settle_back(&mut self) {
+        let mut share = RETURN;
+        for _ in 0..RETURNS {
+            let before: Vec<Vec<Point3<f64>>> = self.all[..self.soft]
+                .iter()
+                .map(|s| s.x().to_vec())
+                .collect();
+            self.moving().flatten().for_each(|solid| {
+                solid.go_back(share);
+                solid.refit();
+            });
+            if self.is_parted_again() {
+                continue;
+            }
+            for (solid, before) in self.all.iter_mut().zip(before) {
+                solid.particles.position = before;
+                solid.refit();
+            }
+            share *= 0.5;
+        }
+    }
+
+    /// Pushes overlap of a small motion out again. Returns true if nothing is left.
+    fn is_parted_again(&mut self) -> bool {
+        for _ in 0..RETURN_ROUNDS {
+            let seen = self.look(false);
+            if seen.is_clear() && self.is_sound() {
+                return true;
+            }
+            apply(&mut self.all, &seen.pushes, SWEEPS);
+            self.unfold();
+            self.keep_volumes(&seen.pushes);
+        }
+        false
+    }
+
+    /// For each surface the vertices that pushes hold.
+    fn held(&self, pushes: &[Push]) -> Vec<Vec<bool>> {
+        let mut held: Vec<Vec<bool>> = self.all.iter().map(|s| vec![false; s.x().len()]).collect();
+        for push in pushes {
+            let [point, triangle] = push.of;
+            push.point
+                .iter()
+                .filter(|(_, weight)| *weight > 0.0)
+                .for_each(|(v, _)| held[point][*v as usize] = true);
+            push.triangle
+                .iter()
+                .for_each(|(v, _)| held[triangle][*v as usize] = true);
+        }
+        held
+    }
+
+    /// Brings the volumes to those at the start, by motion of vertices that nothing pushes.
+    fn keep_volumes(&mut self, pushes: &[Push]) {
+        let held = self.held(pushes);
+        self.moving().zip(&held).for_each(|(solid, held)| {
+            if let Some(solid) = solid {
+                solid.keep_volume(held);
+                solid.refit();
+            }
+        });
+    }
+
+    /// True if all muscles have their volumes, and none crosses itself.
+    fn is_sound(&self) -> bool {
+        let muscles = self.all.iter().zip(&self.active);
+        let mut moving = muscles
+            .filter(|(_, active)| **active)
+            .map(|(solid, _)| solid);
+        moving.all(|solid| solid.volume_error() <= VOLUME && solid.folded().is_none())
+    }
+
+    /// The pair with most crossings that is left, or one in which a body is inside the other, with
+    /// the number of crossings and a place [m].
+    fn worst(&self, seen: &Seen) -> Option<([usize; 2], usize, Point3<f64>)> {
+        let count = |k: &usize| seen.crossing[*k].1.len();
+        let all = 0..seen.crossing.len();
+        let is_left = |k: &usize| count(k) > 0 || seen.depth[*k] > 0.0;
+        let worst = all.filter(is_left).max_by_key(count)?;
+        let (of, crossing) = &seen.crossing[worst];
+        let place = crossing.first().map_or(self.all[of[0]].x()[0], |[s, _]| {
+            self.all[of[0]].corners(*s)[0]
+        });
+        Some((*of, crossing.len(), place))
+    }
+
+    fn result(self, overlaps: Vec<Overlap>) -> Parted {
+        let mut parted = Parted::default();
+        for (solid, active) in self.all.iter().zip(&self.active).take(self.soft) {
+            parted.moved.push(solid.moved());
+            parted.positions.push(active.then(|| solid.x().to_vec()));
+        }
+        for overlap in overlaps {
+            let muscles = overlap.of.iter().filter(|&&s| s < self.soft);
+            let moved = muscles.map(|&s| parted.moved[s]);
+            let most = moved.max_by(|a, b| a.rms.total_cmp(&b.rms));
+            let names = overlap.of.map(|s| self.all[s].name.as_str());
+            parted
+                .pairs
+                .push(overlap.pair(names, most.unwrap_or_default()));
+        }
+        parted
+    }
+}
+
+/// Inverse mass of each vertex of a muscle, without unit.
+fn inverse_mass(body: &SoftBody<'_>) -> Vec<f64> {
+    let free = if body.fixed { 0.0 } else { 1.0 };
+    let mut all = vec![free; body.mesh.vertices.len()];
+    for &v in &body.held {
+        all[v as usize] = HELD * free;
+    }
+    all
+}

@@ -1,0 +1,130 @@
+//! The shapes at the start of a simulation: without overlap with bones and between muscles.
+
+use std::sync::Arc;
+
+use super::assets::Assets;
+use super::attachments::Attached;
+use super::body::attach;
+use super::fault::{Fault, LoadError};
+use super::plan::{MusclePlan, Plan};
+use super::ready::{Among, Rest};
+use crate::contact::apart::{Gaps, PartedPair};
+use crate::contact::untangle::Untangled;
+use crate::contact::{PosedObstacle, Surface};
+use crate::scene::Scene;
+
+/// Gap between two muscles that were parted, relative to the contact thickness.
+const BETWEEN: f64 = 0.1;
+
+/// The shapes of all muscles at the start.
+pub(super) struct Start {
+    /// Each muscle's attached vertices and shape, with the measures of the removal of overlap.
+    pub muscles: Vec<(Vec<Attached>, Arc<Rest>, Untangled)>,
+    /// The pairs that overlapped.
+    pub pairs: Vec<PartedPair>,
+}
+
+impl Start {
+    /// Moves the muscles of `scene` out of the bones and apart from each other; `placed` are all
+    /// obstacles at frame 0 and `surfaces` the bones among them.
+    ///
+    /// # Errors
+    /// An attachment with no vertices, too many, or vertices that do not exist; two surfaces that
+    /// cannot be parted.
+    pub fn new(
+        scene: &Scene,
+        assets: &Assets,
+        plan: &Plan,
+        placed: &[PosedObstacle],
+        surfaces: &[Arc<Surface>],
+    ) -> Result<Self, LoadError> {
+        let mut attached = Vec::new();
+        for (m, asset) in assets.muscles.iter().enumerate() {
+            let read = assets.ready.rest(&asset.mesh);
+            attached.push(attach(scene, m, &read, assets, placed)?);
+        }
+        let rests = assets.muscles.iter().zip(&plan.muscles);
+        let mut muscles: Vec<(Arc<Rest>, Untangled)> = rests
+            .map(|(asset, plan)| at_rest(scene, assets, plan, placed, &asset.mesh))
+            .collect();
+        let given = plan.muscles.iter().any(|muscle| muscle.rest.is_some());
+        let Some(contact) = scene.effects.contact.filter(|_| !given) else {
+            return Ok(Self::of(attached, muscles, Vec::new()));
+        };
+        let among = Among {
+            names: scene
+                .muscles
+                .iter()
+                .map(|muscle| muscle.name.clone())
+                .collect(),
+            read: assets
+                .muscles
+                .iter()
+                .map(|a| assets.ready.rest(&a.mesh))
+                .collect(),
+            clear: muscles.iter().map(|(rest, _)| rest.clone()).collect(),
+            attached: attached.clone(),
+            bones: surfaces
+                .iter()
+                .cloned()
+                .zip(placed)
+                .map(|(s, p)| (p.name.clone(), s, p.now))
+                .collect(),
+            gaps: Gaps {
+                to_bones: contact.thickness,
+                between: BETWEEN * contact.thickness,
+            },
+        };
+        let parted = assets.ready.parted(among);
+        let parted = parted.1.as_ref().map_err(|error| {
+            let muscle = scene.muscles.iter().position(|m| m.name == error.pair[0]);
+            let key = format!("muscle.{}", muscle.unwrap_or(0));
+            let part = format!("muscle `{}`", error.pair[0]);
+            LoadError::new(scene, &key, part, Fault::Inseparable(error.clone()))
+        })?;
+        for ((rest, untangled), (to, moved)) in muscles.iter_mut().zip(&parted.muscles) {
+            if !Arc::ptr_eq(rest, to) {
+                *rest = to.clone();
+                untangled.moved = moved.max;
+                untangled.volume_change = moved.volume_change;
+            }
+        }
+        Ok(Self::of(attached, muscles, parted.pairs.clone()))
+    }
+
+    fn of(
+        attached: Vec<Vec<Attached>>,
+        rests: Vec<(Arc<Rest>, Untangled)>,
+        pairs: Vec<PartedPair>,
+    ) -> Self {
+        let muscles = attached.into_iter().zip(rests);
+        Self {
+            muscles: muscles
+                .map(|(attached, (rest, done))| (attached, rest, done))
+                .collect(),
+            pairs,
+        }
+    }
+}
+
+/// The shape at rest: that of the plan, or as read without its overlap with bones.
+fn at_rest(
+    scene: &Scene,
+    assets: &Assets,
+    plan: &MusclePlan,
+    placed: &[PosedObstacle],
+    read: &crate::mesh::TriangleMesh,
+) -> (Arc<Rest>, Untangled) {
+    let read = assets.ready.rest(read);
+    if let Some(mesh) = &plan.rest {
+        return (assets.ready.rest(mesh), Untangled::default());
+    }
+    match scene.effects.contact {
+        Some(contact) if !plan.obstacles.is_empty() => {
+            let (obstacles, thickness) = (&plan.obstacles, contact.thickness);
+            let clear = assets.ready.clear(&read, placed, obstacles, thickness);
+            (clear.rest.clone(), clear.done)
+        }
+        _ => (read, Untangled::default()),
+    }
+}
