@@ -523,6 +523,7 @@ mod tests {
                     KeyValue::Whole(number) => *number += 1,
                     KeyValue::Order(order) => *order = SweepOrder::Reversed,
                     KeyValue::Vector(vector) => *vector *= 2.0,
+                    KeyValue::Names(_, chosen) => *chosen ^= 1,
                 }
             }
             let other = spec.with(&others);
