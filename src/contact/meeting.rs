@@ -264,6 +264,7 @@ impl Meeting {
         };
         meeting.list(placed, |placed| placed.now);
         meeting.learn_rest();
+        meeting.take_certificate();
         meeting
     }
 
@@ -411,14 +412,24 @@ impl Meeting {
         self.place(placed, pose, true);
         self.listed_at.clone_from(&self.start);
         // The nearest first: a step looks at the pairs that can have come near since.
-        let key = |pair: &Pair| (pair.parts, pair.corners);
-        self.pairs.sort_by(|a, b| {
+        let mut pairs = std::mem::take(&mut self.pairs);
+        pairs.sort_by(|a, b| {
             a.listed
                 .total_cmp(&b.listed)
-                .then_with(|| key(a).cmp(&key(b)))
+                .then_with(|| self.key(a).cmp(&self.key(b)))
         });
+        self.pairs = pairs;
         self.moved = [0.0; 2];
         self.certificate.lists += 1;
+    }
+
+    /// What names a pair. Numbers of bone vertices depend on the order of the search.
+    fn key(&self, pair: &Pair) -> (Parts, [(u32, u32); 4]) {
+        let name = |v: u32| match (v as usize).checked_sub(self.soft_count) {
+            None => (u32::MAX, v),
+            Some(slot) => self.slots[slot],
+        };
+        (pair.parts, pair.corners.map(name))
     }
 
     fn add(&mut self, against: Against, a: usize, b: usize, near: &NearPair) {

@@ -91,6 +91,8 @@ pub(crate) use faces::OnTriangle;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use faces::pseudo_normal;
 pub use gap::{Gap, Parts, gap};
+#[cfg(feature = "contact")]
+pub use meeting::Certificate;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use nearest::on_triangle;
 pub use plane::ContactPlane;

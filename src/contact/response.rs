@@ -547,6 +547,7 @@ impl State for Contacts {
         } = self;
         surface.save(to);
         vertices.iter().for_each(|contacts| contacts.save(to));
+        to.put(&triangles.is_empty());
         triangles.iter().for_each(|contacts| contacts.save(to));
         to.list(motion_bound);
         to.put(calls);
@@ -557,6 +558,12 @@ impl State for Contacts {
         self.vertices
             .iter_mut()
             .try_for_each(|contacts| contacts.restore(from))?;
+        if from.take()? {
+            self.triangles.clear();
+        } else {
+            let all = self.triangles.len() == self.vertices.len();
+            from.check(all, "points of bones in a contact that has none")?;
+        }
         self.triangles
             .iter_mut()
             .try_for_each(|contacts| contacts.restore(from, &self.surface))?;

@@ -189,10 +189,9 @@ impl Surface {
         margin: f64,
     ) -> Vec<[u32; 2]> {
         let Some(pose) = pose else {
-            let meet = |a: &BvhNode, b: &BvhNode| a.intersects(b);
             return self
                 .bvh
-                .leaf_pairs(&other.bvh, meet)
+                .leaf_pairs(&other.bvh, BvhNode::intersects)
                 .map(|(a, b)| [a, b])
                 .collect();
         };
@@ -200,11 +199,10 @@ impl Surface {
         let turn = back.rotation.to_rotation_matrix();
         let spread = turn.matrix().abs();
         let meet = |a: &BvhNode, b: &BvhNode| {
-            let vector = |v: Glam| Vector3::new(v.x, v.y, v.z);
-            let (low, high) = (vector(a.mins()), vector(a.maxs()));
+            let [low, high] = [a.mins(), a.maxs()].map(|v| Vector3::new(v.x, v.y, v.z));
             let centre = turn * ((low + high) * 0.5) + back.translation.vector;
             let half = spread * ((high - low) * 0.5);
-            let (low, high) = (vector(b.mins()), vector(b.maxs()));
+            let [low, high] = [b.mins(), b.maxs()].map(|v| Vector3::new(v.x, v.y, v.z));
             (0..3).all(|k| {
                 centre[k] - half[k] <= high[k] + margin && centre[k] + half[k] >= low[k] - margin
             })

@@ -28,13 +28,12 @@ pub fn shared_volume(first: &Inside<'_>, second: &Inside<'_>, within: &Aabb) -> 
     let [count, step] = LINES;
     let chunk = |start: usize| -> f64 {
         let end = (start + CHUNK).min(count);
-        let length = |i: usize| {
-            let share = |n: usize| (n as f64 + 0.5) / count as f64;
-            let y = low.y + sides.y * share(i);
-            let z = low.z + sides.z * share(i * step % count);
-            shared_length(first, second, y, z)
-        };
-        (start..end).map(length).sum()
+        (start..end)
+            .map(|i| {
+                let [v, w] = [i, i * step % count].map(|n| (n as f64 + 0.5) / count as f64);
+                shared_length(first, second, low.y + sides.y * v, low.z + sides.z * w)
+            })
+            .sum()
     };
     let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
     let sums: Vec<f64> = starts.into_par_iter().map(chunk).collect();

@@ -51,12 +51,12 @@ pub struct ContactEffect {
     /// Coefficient of Coulomb friction.
     pub friction: f64,
     /// The surfaces that a muscle meets.
-    pub between: Between,
+    pub between: ContactPartners,
 }
 
 /// The surfaces that a muscle meets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Between {
+pub struct ContactPartners {
     /// Other muscles.
     pub muscles: bool,
     /// Bones.
@@ -65,7 +65,7 @@ pub struct Between {
     pub itself: bool,
 }
 
-impl Between {
+impl ContactPartners {
     /// The names in a scene file, in the order of the bits of a key.
     const NAMES: &'static [&'static str] = &["muscles", "bones", "self"];
 
@@ -241,7 +241,7 @@ pub static EFFECTS: [EffectSpec; 7] = [
             Some(vec![
                 KeyValue::Number(thickness),
                 KeyValue::Number(friction),
-                KeyValue::Names(Between::NAMES, between.bits()),
+                KeyValue::Names(ContactPartners::NAMES, between.bits()),
             ])
         },
         set: |effects, values| {
@@ -254,7 +254,7 @@ pub static EFFECTS: [EffectSpec; 7] = [
                 effects.contact = Some(ContactEffect {
                     thickness,
                     friction,
-                    between: Between::of_bits(between),
+                    between: ContactPartners::of_bits(between),
                 });
             }
         },
@@ -329,7 +329,7 @@ const CONTACT: &[KeySpec] = &[
     .or(0.0),
     KeySpec::new(
         "between",
-        KeyKind::Names(Between::NAMES),
+        KeyKind::Names(ContactPartners::NAMES),
         "The surfaces that a muscle meets.",
     )
     .such_as("[\"muscles\", \"bones\", \"self\"]")
@@ -418,6 +418,7 @@ mod tests {
                 let number = 0.5 + k as f64;
                 values.push(match key.kind {
                     KeyKind::Vector(_) => KeyValue::Vector(Vector3::new(number, 0.0, 1.0)),
+                    KeyKind::Names(names) => KeyValue::Names(names, 1),
                     _ => KeyValue::Number(number),
                 });
             }

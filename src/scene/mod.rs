@@ -41,7 +41,7 @@ pub use study::{Combine, StudyChange};
 pub use crate::constraints::SweepOrder;
 pub use content::Content;
 pub use effects::{
-    Anisotropy, Between, ContactEffect, EffectSpec, Effects, Mass, Material, Volume,
+    Anisotropy, ContactEffect, ContactPartners, EffectSpec, Effects, Mass, Material, Volume,
 };
 pub use error::SceneError;
 pub(crate) use error::SceneProblem;

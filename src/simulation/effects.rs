@@ -4,7 +4,7 @@ use super::body::Builder;
 use super::plan::{Planner, obstacle, swept};
 use crate::constraints::EnclosedVolume;
 use crate::fibres::anisotropy;
-use crate::scene::{Between, EffectSpec};
+use crate::scene::{ContactPartners, EffectSpec};
 use crate::solvers::stiffness;
 
 /// The computation of an effect.
@@ -156,7 +156,7 @@ fn plan_contact(planner: &mut Planner<'_>) {
 }
 
 /// Contact of a muscle with itself and with the muscles after it.
-fn plan_meetings(planner: &mut Planner<'_>, between: Between) {
+fn plan_meetings(planner: &mut Planner<'_>, between: ContactPartners) {
     let (scene, m) = (planner.scene, planner.index());
     if scene.solver.minimisation().is_some() {
         let why = "a minimum of energy keeps muscles out of bones alone; `solver.xpbd` has it";

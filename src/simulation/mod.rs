@@ -127,7 +127,7 @@ impl Simulation {
             notes.extend(asset.notes.iter().map(|n| format!("{}: {n}", muscle.name)));
         }
         let substeps = scene.solver.substeps();
-        Ok(Self {
+        let mut simulation = Self {
             plan,
             bodies,
             parted: start.pairs,
@@ -141,7 +141,9 @@ impl Simulation {
             substeps,
             pool: None,
             scene,
-        })
+        };
+        simulation.gather();
+        Ok(simulation)
     }
 
     /// The last computed frame; 0 is the start.
@@ -201,6 +203,7 @@ impl Simulation {
         let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
         let frame = self.frame + 1;
         let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
+        // Bodies can have been changed since the last frame.
         self.gather();
         let mut bodies: Vec<Option<&mut Body>> = self.bodies.iter_mut().map(Some).collect();
         let of_group = |group: &together::Group| -> Vec<&mut Body> {
@@ -220,6 +223,7 @@ impl Simulation {
         self.placed = steps.into_iter().next_back().unwrap_or_default();
         self.frame = frame;
         self.watch_reach();
+        self.gather();
     }
 
     fn placed_in(&self, step: u32) -> Vec<PosedObstacle> {

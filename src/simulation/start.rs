@@ -51,45 +51,51 @@ impl Start {
         let Some(contact) = scene.effects.contact.filter(|_| !given) else {
             return Ok(Self::of(attached, muscles, Vec::new()));
         };
-        let among = Among {
-            names: scene
-                .muscles
-                .iter()
-                .map(|muscle| muscle.name.clone())
-                .collect(),
-            read: assets
-                .muscles
-                .iter()
-                .map(|a| assets.ready.rest(&a.mesh))
-                .collect(),
-            clear: muscles.iter().map(|(rest, _)| rest.clone()).collect(),
-            attached: attached.clone(),
-            bones: surfaces
-                .iter()
-                .cloned()
-                .zip(placed)
-                .map(|(s, p)| (p.name.clone(), s, p.now))
-                .collect(),
-            gaps: Gaps {
-                to_bones: contact.thickness,
-                between: BETWEEN * contact.thickness,
-            },
+        let all: Vec<usize> = (0..muscles.len()).collect();
+        // Muscles that do not meet are parted from bones alone.
+        let sets = match contact.between.muscles {
+            true => vec![all],
+            false => all.into_iter().map(|m| vec![m]).collect(),
         };
-        let parted = assets.ready.parted(among);
-        let parted = parted.1.as_ref().map_err(|error| {
-            let muscle = scene.muscles.iter().position(|m| m.name == error.pair[0]);
-            let key = format!("muscle.{}", muscle.unwrap_or(0));
-            let part = format!("muscle `{}`", error.pair[0]);
-            LoadError::new(scene, &key, part, Fault::Inseparable(error.clone()))
-        })?;
-        for ((rest, untangled), (to, moved)) in muscles.iter_mut().zip(&parted.muscles) {
-            if !Arc::ptr_eq(rest, to) {
-                *rest = to.clone();
-                untangled.moved = moved.max;
-                untangled.volume_change = moved.volume_change;
+        let bones: Vec<_> = surfaces
+            .iter()
+            .cloned()
+            .zip(placed)
+            .filter(|_| contact.between.bones)
+            .map(|(s, p)| (p.name.clone(), s, p.now))
+            .collect();
+        let mut pairs = Vec::new();
+        for set in sets {
+            let read = |&m: &usize| assets.ready.rest(&assets.muscles[m].mesh);
+            let among = Among {
+                names: set.iter().map(|&m| scene.muscles[m].name.clone()).collect(),
+                read: set.iter().map(read).collect(),
+                clear: set.iter().map(|&m| muscles[m].0.clone()).collect(),
+                attached: set.iter().map(|&m| attached[m].clone()).collect(),
+                bones: bones.clone(),
+                gaps: Gaps {
+                    to_bones: contact.thickness,
+                    between: BETWEEN * contact.thickness,
+                },
+            };
+            let parted = assets.ready.parted(among);
+            let parted = parted.1.as_ref().map_err(|error| {
+                let muscle = scene.muscles.iter().position(|m| m.name == error.pair[0]);
+                let key = format!("muscle.{}", muscle.unwrap_or(0));
+                let part = format!("muscle `{}`", error.pair[0]);
+                LoadError::new(scene, &key, part, Fault::Inseparable(error.clone()))
+            })?;
+            for (&m, (to, moved)) in set.iter().zip(&parted.muscles) {
+                let (rest, untangled) = &mut muscles[m];
+                if !Arc::ptr_eq(rest, to) {
+                    *rest = to.clone();
+                    untangled.moved = moved.max;
+                    untangled.volume_change = moved.volume_change;
+                }
             }
+            pairs.extend(parted.pairs.iter().cloned());
         }
-        Ok(Self::of(attached, muscles, parted.pairs.clone()))
+        Ok(Self::of(attached, muscles, pairs))
     }
 
     fn of(

@@ -127,6 +127,13 @@ impl Simulation {
             .iter()
             .filter_map(|&[a, b]| Some([place_of(a)?, place_of(b)?]))
             .collect();
+        let has_bones = obstacles
+            .iter()
+            .flatten()
+            .any(|&o| self.surfaces.get(o).is_some());
+        if !(settings.itself || has_bones || !partners.is_empty()) {
+            return None;
+        }
         Some(Meeting::new(settings, &soft, &partners, first, |o| {
             self.surfaces.get(o).cloned()
         }))

@@ -228,7 +228,12 @@ fn value<'a>(text: &'a str, key: &str) -> Option<(&'a str, &'a str)> {
         .match_indices(&begin)
         .find(|(at, _)| !text[..*at].chars().next_back().is_some_and(is_word))?;
     let line = text[at + begin.len()..].lines().next()?;
-    let end = line.find([',', '#']).unwrap_or(line.len());
+    let end = if line.starts_with('[') {
+        line.find(']').map(|end| end + 1)
+    } else {
+        line.find([',', '#'])
+    };
+    let end = end.unwrap_or(line.len());
     Some((line[..end].trim().trim_matches('"'), line))
 }
 

@@ -259,6 +259,7 @@ bending = "2e-4 N m"
 [effects.contact]
 thickness = "0.5 mm"
 friction = 0.2
+between = ["bones", "self"]
 [effects.damping]
 rate = "5 1/s"
 {solver}

@@ -126,7 +126,7 @@ fn scene(wish: &Wish) -> String {
     effect(
         wish.contact,
         "contact",
-        "thickness = '1 mm'",
+        "thickness = '1 mm'\nbetween = ['bones']",
         "thickness = '1 mm'",
     );
     let gravity = |g: &str| format!("acceleration = ['0 m/s2', '{g} m/s2', '0 m/s2']");

@@ -406,7 +406,7 @@ fn wrong_overrides_name_themselves() {
         (
             "effects.contact.frction=0.3",
             "error[E052]: effects.contact: unknown key `frction`, did you mean `friction`?; \
-          known keys here: thickness, friction",
+          known keys here: thickness, friction, between",
         ),
         (
             "effect.contact.friction=0.3",

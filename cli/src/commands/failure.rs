@@ -205,7 +205,7 @@ mod tests {
     : ^^^^|^^^
     :     `-- effects.contact
     `----
-  help: known keys here: thickness, friction";
+  help: known keys here: thickness, friction, between";
         let shown = graphical(&SceneDiagnostic::new(&error), &handler);
         assert_eq!(shown.as_deref(), Some(expected));
     }

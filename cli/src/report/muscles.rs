@@ -9,7 +9,7 @@ use super::audit::{self, RunAudit};
 use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
-use pliant::contact::PartedPair;
+use pliant::contact::{Certificate, PartedPair};
 use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::Solver;
 use pliant::simulation::{Body, Measures, Simulation, VOLUME_HELD};
@@ -118,7 +118,14 @@ pub(super) fn output(
     for (m, summary) in muscles.iter().enumerate() {
         verdicts.extend(verdicts_of(simulation, m, summary));
     }
-    verdicts.extend(audit::crossing_verdicts(&audit.summary, SEE_AUDIT));
+    let has_contact = simulation.scene.effects.contact.is_some();
+    if has_contact {
+        verdicts.extend(audit::crossing_verdicts(&audit.summary, SEE_AUDIT));
+    }
+    let crossings = audit.summary.crossings_max.all;
+    let uncounted = (!has_contact && crossings > 0).then(|| {
+        format!("without [effects.contact], {crossings} pairs of triangles cross in a frame")
+    });
     verdicts.extend(simulation.parted.iter().flat_map(start_verdicts));
     let cuts = simulation.bodies.iter().filter_map(cut);
     let plot = |plot| Plot { file: None, plot };
@@ -145,8 +152,10 @@ pub(super) fn output(
         verdicts,
         notes: (simulation.notes.iter().cloned())
             .chain(cuts)
+            .chain(uncounted)
             .chain([audit.note()])
             .collect(),
+        certificate: Some(certificate(&simulation.certificate())),
         start: Some(simulation.parted.iter().map(start).collect()),
         text: shown::text(&muscles),
         tables,
@@ -155,6 +164,17 @@ pub(super) fn output(
         data: record.into_data().into(),
         ..RunOutput::default()
     }
+}
+
+/// The counts that certify that nothing crossed.
+fn certificate(counts: &Certificate) -> Value {
+    json!({
+        "pairs": counts.pairs,
+        "truncated": counts.truncated,
+        "held": counts.held,
+        "open": counts.open,
+        "least_gap_m": counts.least_gap.is_finite().then_some(counts.least_gap),
+    })
 }
 
 /// A pair of surfaces that was parted before the start.

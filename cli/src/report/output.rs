@@ -296,6 +296,8 @@ pub struct RunOutput<'a> {
     pub scene: Option<SceneRun>,
     /// The audit of the frames of a run.
     pub audit: Option<Value>,
+    /// Counts that certify that nothing crossed in a run.
+    pub certificate: Option<Value>,
     /// Pairs of surfaces that were parted before the start of a run.
     pub start: Option<Value>,
     /// Checks.
@@ -376,11 +378,14 @@ impl RunOutput<'_> {
         ] {
             all.insert(key.to_owned(), value);
         }
-        if let Some(audit) = &self.audit {
-            all.insert("audit".to_owned(), audit.clone());
-        }
-        if let Some(start) = &self.start {
-            all.insert("start".to_owned(), start.clone());
+        for (key, value) in [
+            ("audit", &self.audit),
+            ("certificate", &self.certificate),
+            ("start", &self.start),
+        ] {
+            if let Some(value) = value {
+                all.insert(key.to_owned(), value.clone());
+            }
         }
         if let Value::Object(scene) = json!(self.scene) {
             all.extend(scene);

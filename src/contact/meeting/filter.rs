@@ -1,6 +1,6 @@
 //! The guarantee: motion is taken back until every pair is in order along its normal.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::super::PosedObstacle;
 use super::super::gap::{ROUNDING, gap, height};
@@ -158,23 +158,26 @@ fn part(
 ) -> bool {
     let split = pair.parts.first();
     let origin = start[pair.corners[0] as usize];
-    let high = |v: u32| (end[v as usize] - origin).dot(&pair.normal);
-    let (one, other) = pair.corners.split_at(split);
-    let is_free = |v: &u32| mass[*v as usize] > 0.0;
+    let heights = pair
+        .corners
+        .map(|v| (end[v as usize] - origin).dot(&pair.normal));
+    let is_free = pair.corners.map(|v| mass[v as usize] > 0.0);
+    // Least height of the first part and greatest of the second one: of all corners and of fixed ones.
+    let [mut low, mut top, mut low_fixed, mut top_fixed] = [f64::INFINITY; 4];
+    for k in 0..4 {
+        let (least, fixed, height) = if k < split {
+            (&mut low, &mut low_fixed, heights[k])
+        } else {
+            (&mut top, &mut top_fixed, -heights[k])
+        };
+        *least = least.min(height);
+        if !is_free[k] {
+            *fixed = fixed.min(height);
+        }
+    }
+    let [top, top_fixed] = [-top, -top_fixed];
     // Twice the share that must be kept, so that rounds end.
     let gap = 2.0 * kept * pair.planned;
-    let low = one.iter().fold(f64::INFINITY, |low, &v| low.min(high(v)));
-    let top = other
-        .iter()
-        .fold(f64::NEG_INFINITY, |top, &v| top.max(high(v)));
-    let low_fixed = one
-        .iter()
-        .filter(|v| !is_free(v))
-        .fold(f64::INFINITY, |low, &v| low.min(high(v)));
-    let top_fixed = other
-        .iter()
-        .filter(|v| !is_free(v))
-        .fold(f64::NEG_INFINITY, |top, &v| top.max(high(v)));
     let middle = 0.5 * (low + top);
     // The plane gives way to vertices that cannot move.
     let (mut floor, mut ceiling) = (middle + 0.5 * gap, middle - 0.5 * gap);
@@ -185,21 +188,16 @@ fn part(
         (floor, ceiling) = (top_fixed + gap, top_fixed);
     }
     let mut is_moved = false;
-    let mut shift = |v: u32, to: f64, x: &mut [Point3<f64>], normal: &Vector3<f64>| {
-        let at = &mut x[v as usize];
-        let by = to - (*at - origin).dot(normal);
-        *at += normal * by;
-        is_moved |= by.abs() > ROUNDING * at.coords.amax();
-    };
-    let heights: [f64; 4] = pair.corners.map(high);
-    for (k, &v) in pair.corners.iter().enumerate() {
-        if !is_free(&v) {
-            continue;
-        }
-        if k < split && heights[k] < floor {
-            shift(v, floor, end, &pair.normal);
-        } else if k >= split && heights[k] > ceiling {
-            shift(v, ceiling, end, &pair.normal);
+    for (k, &v) in pair.corners.iter().enumerate().filter(|(k, _)| is_free[*k]) {
+        let to = if k < split {
+            heights[k].max(floor)
+        } else {
+            heights[k].min(ceiling)
+        };
+        let (at, by) = (&mut end[v as usize], to - heights[k]);
+        if by != 0.0 {
+            *at += pair.normal * by;
+            is_moved |= by.abs() > ROUNDING * at.coords.amax();
         }
     }
     is_moved

@@ -295,13 +295,10 @@ impl Audit {
             complete: true,
             ..FrameAudit::default()
         };
-        let finite = |s: &&AuditedSurface<'_>| {
-            let bad = |p: &Point3<f64>| !p.coords.iter().all(|c| c.is_finite());
-            s.vertices.iter().position(bad)
-        };
         let mut audited = Vec::new();
         for (index, surface) in surfaces.iter().enumerate() {
-            match finite(&surface) {
+            let mut vertices = surface.vertices.iter();
+            match vertices.position(|p| !p.coords.iter().all(|c| c.is_finite())) {
                 Some(vertex) => result.not_finite.push((surface.name.to_owned(), vertex)),
                 None => audited.push((index, surface)),
             }
@@ -331,15 +328,17 @@ impl Audit {
                 }
             }
         }
-        let known = |s: &AuditedSurface<'_>| s.rigid || s.held.len() == s.vertices.len();
-        result.crossings_held = surfaces.iter().all(known).then_some(0);
-        let pair = |&(i, j): &(usize, usize)| {
-            if i == j {
-                return of_itself(&examined[i]);
-            }
-            of_two(&examined[i], &examined[j], kept[j].0, DEPTH / self.unit)
-        };
-        let found: Vec<Found> = pairs.par_iter().map(pair).collect();
+        let mut all = surfaces.iter();
+        result.crossings_held = all
+            .all(|s| s.rigid || s.held.len() == s.vertices.len())
+            .then_some(0);
+        let found: Vec<Found> = pairs
+            .par_iter()
+            .map(|&(i, j)| match i == j {
+                true => of_itself(&examined[i]),
+                false => of_two(&examined[i], &examined[j], kept[j].0, DEPTH / self.unit),
+            })
+            .collect();
         for mut found in found {
             found.pair.scale(self.unit);
             result.add(found);

@@ -80,7 +80,7 @@ refused! {
          give a text; only muscles of the shape hip-gluteus have fibres of their own";
     e052_misspelt: with("[effects.contact]\ntickness = '1 mm'\n") =>
         "s.toml:10:1: error[E052]: effects.contact: unknown key `tickness`, did you mean `thickness`?; \
-         known keys here: thickness, friction";
+         known keys here: thickness, friction, between";
     e052_unknown: with("[gravity]\n") =>
         "s.toml:9:2: error[E052]: unknown key `gravity`; \
          known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver, \
