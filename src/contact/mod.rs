@@ -57,6 +57,8 @@ mod motion_bound;
 mod near_pairs;
 mod nearest;
 #[cfg(feature = "contact")]
+mod patches;
+#[cfg(feature = "contact")]
 pub(crate) mod penetration_response;
 mod plane;
 #[cfg(feature = "contact")]

@@ -34,6 +34,19 @@ fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
     )
 }
 
+/// Pairs of boxes that meet, each once.
+pub(super) fn box_pairs(boxes: &[Aabb]) -> Vec<[u32; 2]> {
+    let leaves: Vec<ParryAabb> = boxes
+        .iter()
+        .map(|b| ParryAabb::new(glam(&b.min), glam(&b.max)))
+        .collect();
+    let mut found = Vec::new();
+    let mut add = |a: u32, b: u32| found.push([a, b]);
+    Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves)
+        .traverse_bvtt_single_tree::<false>(&mut BvhWorkspace::default(), &mut add);
+    found
+}
+
 /// Tolerance factor of a bound on a distance.
 const SLACK: f64 = 1.2;
 
@@ -148,69 +161,6 @@ impl Surface {
     /// Corners of a triangle at the last refit [m].
     pub(super) fn corners(&self, triangle: u32) -> [Point3<f64>; 3] {
         self.faces.mesh.corners(triangle as usize)
-    }
-
-    /// Bounds of the surface at the last refit [m].
-    pub(super) fn root_box(&self) -> Aabb {
-        let root = self.bvh.root_aabb();
-        let point = |p: Glam| Point3::new(p.x, p.y, p.z);
-        Aabb {
-            min: point(root.mins),
-            max: point(root.maxs),
-        }
-    }
-
-    /// Sets new positions, with boxes that are wider by `margin` [m] on each side.
-    pub(super) fn refit_wide(&mut self, positions: &[Point3<f64>], margin: f64) {
-        self.faces.mesh.vertices.copy_from_slice(positions);
-        for t in 0..self.faces.mesh.triangles.len() {
-            let leaf = bounds(&self.faces.mesh.corners(t)).loosened(margin);
-            self.bvh.insert_or_update_partially(leaf, t as u32, 0.0);
-        }
-        self.bvh.refit(&mut self.workspace);
-    }
-
-    /// All pairs of triangles of this surface whose boxes meet, each once.
-    pub(super) fn own_pairs(&self) -> Vec<[u32; 2]> {
-        let mut found = Vec::new();
-        let mut workspace = BvhWorkspace::default();
-        let mut add = |a: u32, b: u32| found.push([a, b]);
-        self.bvh
-            .traverse_bvtt_single_tree::<false>(&mut workspace, &mut add);
-        found
-    }
-
-    /// All pairs of triangles of this surface and another one, at `pose` if it is rigid, whose boxes
-    /// are nearer than `margin` [m].
-    pub(super) fn pairs_with(
-        &self,
-        other: &Self,
-        pose: Option<&Isometry3<f64>>,
-        margin: f64,
-    ) -> Vec<[u32; 2]> {
-        let Some(pose) = pose else {
-            return self
-                .bvh
-                .leaf_pairs(&other.bvh, BvhNode::intersects)
-                .map(|(a, b)| [a, b])
-                .collect();
-        };
-        let back = pose.inverse();
-        let turn = back.rotation.to_rotation_matrix();
-        let spread = turn.matrix().abs();
-        let meet = |a: &BvhNode, b: &BvhNode| {
-            let [low, high] = [a.mins(), a.maxs()].map(|v| Vector3::new(v.x, v.y, v.z));
-            let centre = turn * ((low + high) * 0.5) + back.translation.vector;
-            let half = spread * ((high - low) * 0.5);
-            let [low, high] = [b.mins(), b.maxs()].map(|v| Vector3::new(v.x, v.y, v.z));
-            (0..3).all(|k| {
-                centre[k] - half[k] <= high[k] + margin && centre[k] + half[k] >= low[k] - margin
-            })
-        };
-        self.bvh
-            .leaf_pairs(&other.bvh, meet)
-            .map(|(a, b)| [a, b])
-            .collect()
     }
 
     /// The winding number of the surface at `point`, exact. `x` are its positions, none farther

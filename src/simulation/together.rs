@@ -238,9 +238,9 @@ fn step(
             }
         }
         let begin = std::time::Instant::now();
-        meeting.respond(&mut positions_mut(bodies), placed);
+        meeting.respond(&mut positions_mut(bodies));
         note(bodies, begin);
-        project_volumes(meeting, bodies, placed, dt);
+        project_volumes(meeting, bodies, dt);
     }
     moving(bodies).for_each(|body| body.system.end_alone(placed, dt));
     let mut velocities: Vec<&mut [Vector3<f64>]> = bodies
@@ -252,12 +252,7 @@ fn step(
 
 /// Projects the volumes and holds the certificate, until both are satisfied: vertices that the
 /// certificate took back do not move for the volume.
-fn project_volumes(
-    meeting: &mut Meeting,
-    bodies: &mut [&mut Body],
-    placed: &[PosedObstacle],
-    dt: f64,
-) {
+fn project_volumes(meeting: &mut Meeting, bodies: &mut [&mut Body], dt: f64) {
     let mut frozen: Vec<Vec<u32>> = vec![Vec::new(); bodies.len()];
     for round in 0..VOLUME_ROUNDS {
         let blocked: Vec<Vec<_>> = (0..bodies.len())
@@ -275,7 +270,7 @@ fn project_volumes(
                 body.system.project_volume(dt, blocked, frozen)
             });
         let begin = std::time::Instant::now();
-        let changed = meeting.hold(&mut positions_mut(bodies), placed);
+        let changed = meeting.hold(&mut positions_mut(bodies));
         note(bodies, begin);
         if changed.iter().all(Vec::is_empty) {
             return;
@@ -307,8 +302,8 @@ fn settle(
     for _ in 0..SETTLING {
         meeting.begin_step(&positions(bodies), &still);
         moving(bodies).for_each(|body| body.system.settle_contact(&still));
-        meeting.respond(&mut positions_mut(bodies), &still);
-        project_volumes(meeting, bodies, &still, dt);
+        meeting.respond(&mut positions_mut(bodies));
+        project_volumes(meeting, bodies, dt);
         let clear: Vec<bool> = bodies
             .par_iter_mut()
             .map(|body| body.stopped.is_some() || body.system.is_settled(&still, depth))

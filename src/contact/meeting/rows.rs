@@ -1,10 +1,11 @@
 //! Pairs that are pushed apart to their distance, with friction.
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
-use super::super::PosedObstacle;
-use super::super::gap::{difference, gap, height};
-use super::Meeting;
+use super::super::gap::{Parts, difference, gap};
+use super::lists::{AHEAD, Bucket, CHUNK, Moved, WIDE};
+use super::{Key, Meeting};
 
 /// Greatest number of sweeps over all rows of a step, and the greatest correction of the last sweep
 /// relative to the thickness.
@@ -14,7 +15,7 @@ const NEARLY: f64 = 0.02;
 /// A pair that is pushed apart in this step: C = n.(sum w x) - distance >= 0.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
-    pub pair: u32,
+    parts: Parts,
     corners: [u32; 4],
     weights: [f64; 4],
     normal: Vector3<f64>,
@@ -26,12 +27,10 @@ pub(super) struct Row {
 impl Meeting {
     /// Pushes apart all pairs that are nearer than their distance, in a step to the given positions
     /// of each soft surface [m].
-    pub fn respond(&mut self, bodies: &mut [&mut [Point3<f64>]], placed: &[PosedObstacle]) {
-        self.update(bodies, placed);
+    pub fn respond(&mut self, bodies: &mut [&mut [Point3<f64>]]) {
+        let is_cut = self.set_end(bodies);
+        self.renew();
         self.find_rows();
-        if self.rows.is_empty() {
-            return;
-        }
         for _ in 0..SWEEPS {
             let mut largest = 0.0_f64;
             for row in &mut self.rows {
@@ -43,41 +42,42 @@ impl Meeting {
                 break;
             }
         }
-        self.give_end(bodies);
+        if is_cut || !self.rows.is_empty() {
+            self.give_end(bodies);
+        }
     }
 
-    /// Looks again at every pair that comes nearer than its distance. Its closest points are those at
-    /// the start of the step, where no pair crosses, so that the normal cannot point the wrong way.
+    /// Looks at every pair that comes nearer than its distance. Its closest points are those at the
+    /// start of the step, where no pair crosses, so that the normal cannot point the wrong way.
     fn find_rows(&mut self) {
-        let near = self.can_be_nearer(self.settings.thickness);
-        self.certificate.pairs += near as u64;
-        for (k, pair) in self.pairs[..near].iter_mut().enumerate() {
-            if !(pair.distance > 0.0) || pair.row != u32::MAX {
-                continue;
-            }
-            let end = pair.corners.map(|v| self.end[v as usize]);
-            if height(pair.parts, &end, &pair.normal) >= pair.distance {
-                continue;
-            }
-            let start = pair.corners.map(|v| self.start[v as usize]);
-            let Some(found) = gap(pair.parts, &start) else {
-                continue;
-            };
-            (pair.normal, pair.planned) = (found.normal, found.height);
-            // A vertex at the end of an edge has a pair of its own.
-            let is_own = pair.parts.first() == 1 || found.inner;
-            if !is_own || found.normal.dot(&difference(&end, &found.weights)) >= pair.distance {
-                continue;
-            }
-            pair.row = self.rows.len() as u32;
-            self.rows.push(Row {
-                pair: k as u32,
-                corners: pair.corners,
-                weights: found.weights,
-                normal: found.normal,
-                distance: pair.distance,
-                push: 0.0,
-            });
+        let awake = self.awake();
+        let view = View {
+            start: &self.start,
+            end: &self.end,
+            thickness: self.settings.thickness,
+        };
+        let patches = &self.patches;
+        let found: Vec<(Vec<Row>, u64)> = self.buckets[..awake]
+            .par_chunks_mut(CHUNK)
+            .map(|buckets| {
+                let (mut rows, mut near) = (Vec::new(), 0);
+                for bucket in buckets {
+                    let moved = bucket.moved(patches);
+                    near += view.rows(bucket, moved, &mut rows);
+                }
+                (rows, near)
+            })
+            .collect();
+        let known = self.rows.len();
+        for (rows, near) in found {
+            self.certificate.pairs += near;
+            let before = &self.rows[..known];
+            let is_new = |row: &Row| before.binary_search_by_key(&row.key(), Row::key).is_err();
+            let new: Vec<Row> = rows.into_iter().filter(is_new).collect();
+            self.rows.extend(new);
+        }
+        if self.rows.len() > known {
+            self.rows.sort_unstable_by_key(Row::key);
         }
     }
 
@@ -87,25 +87,61 @@ impl Meeting {
         if self.rows.iter().all(|row| !(row.push > 0.0)) {
             return;
         }
-        let mut velocity: Vec<Vector3<f64>> = self
-            .end
-            .iter()
-            .zip(&self.start)
-            .map(|(x, start)| (x - start) / dt)
-            .collect();
-        for (soft, v) in self.soft.iter().zip(bodies.iter()) {
-            velocity[soft.first..soft.first + soft.count].copy_from_slice(v);
-        }
+        let mut velocity: Vec<Vector3<f64>> = Vec::with_capacity(self.soft_count);
+        bodies.iter().for_each(|v| velocity.extend_from_slice(v));
         for row in self.rows.iter().filter(|row| row.push > 0.0) {
-            row.slow(&mut velocity, &self.mass, self.settings.friction / dt);
+            row.slow(&mut velocity, self, dt);
         }
-        for (soft, v) in self.soft.iter().zip(bodies) {
-            v.copy_from_slice(&velocity[soft.first..soft.first + soft.count]);
+        for (member, v) in self.members.iter().zip(bodies) {
+            v.copy_from_slice(&velocity[member.first..member.first + member.count]);
         }
     }
 }
 
+/// The positions of a step.
+struct View<'a> {
+    start: &'a [Point3<f64>],
+    end: &'a [Point3<f64>],
+    thickness: f64,
+}
+
+impl View<'_> {
+    /// Adds the rows of a bucket. Returns the number of pairs nearer than their distance.
+    fn rows(&self, bucket: &mut Bucket, moved: Moved, rows: &mut Vec<Row>) -> u64 {
+        let mut near = 0;
+        for pair in bucket.nearer(WIDE * self.thickness + AHEAD * moved.step, moved.before) {
+            let distance = pair.distance;
+            if !(distance > 0.0) || pair.at_least(self.start) >= distance + moved.step {
+                continue;
+            }
+            let Some(found) = gap(pair.parts, &pair.of(self.start)) else {
+                continue;
+            };
+            pair.normal = found.normal;
+            near += u64::from(found.height < distance);
+            // A vertex at the end of an edge has a pair of its own.
+            let is_own = pair.parts.first() == 1 || found.inner;
+            let end = pair.of(self.end);
+            if is_own && !(found.normal.dot(&difference(&end, &found.weights)) >= distance) {
+                rows.push(Row {
+                    parts: pair.parts,
+                    corners: pair.corners,
+                    weights: found.weights,
+                    normal: found.normal,
+                    distance,
+                    push: 0.0,
+                });
+            }
+        }
+        near
+    }
+}
+
 impl Row {
+    fn key(&self) -> Key {
+        (self.parts, self.corners)
+    }
+
     pub fn is_pushed(&self) -> bool {
         self.push > 0.0
     }
@@ -148,24 +184,29 @@ impl Row {
         (weight > 0.0).then(|| 1.0 / weight)
     }
 
-    /// Takes the velocity of separation away, and at most `limit` times the push of the sliding.
-    fn slow(&self, velocity: &mut [Vector3<f64>], mass: &[f64], limit: f64) {
-        let w = self.corners.map(|v| mass[v as usize]);
+    /// Takes the velocity of separation away, and of the sliding as much as friction can in a step of
+    /// `dt` [s].
+    fn slow(&self, velocity: &mut [Vector3<f64>], of: &Meeting, dt: f64) {
+        let w = self.corners.map(|v| of.mass[v as usize]);
         let Some(share) = self.share(&w) else { return };
         let mut relative = Vector3::zeros();
         for (&v, weight) in self.corners.iter().zip(&self.weights) {
-            relative += velocity[v as usize] * *weight;
+            let v = v as usize;
+            let way = || (of.end[v] - of.start[v]) / dt;
+            relative += velocity.get(v).copied().unwrap_or_else(way) * *weight;
         }
         let along = relative.dot(&self.normal);
         let sliding = relative - self.normal * along;
         let speed = sliding.norm();
         let mut change = self.normal * -along.max(0.0);
-        let limit = limit * self.push;
+        let limit = of.settings.friction / dt * self.push;
         if speed > 0.0 && limit > 0.0 {
             change -= sliding * (limit / speed).min(1.0);
         }
         for ((&v, w), weight) in self.corners.iter().zip(w).zip(&self.weights) {
-            velocity[v as usize] += change * (w * weight * share);
+            if let Some(velocity) = velocity.get_mut(v as usize) {
+                *velocity += change * (w * weight * share);
+            }
         }
     }
 }

@@ -1,0 +1,403 @@
+//! Lists of near pairs that last: each pair of near patches keeps its own.
+//!
+//! What moves with its surroundings stays in its lists: a list holds for a motion of two patches
+//! relative to each other. Relative motion is the difference of the mean motions and of what each
+//! patch departs from its own. It is summed over frames, and counted from the beginning of a frame
+//! within it.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::super::gap::{Parts, gap, height, max2};
+use super::super::near_pairs::{Facet, near_pairs};
+use super::super::patches::Motion;
+use super::super::surface::box_pairs;
+use super::{Against, FAR, Key, Meeting, Patch};
+use crate::mesh::measures::Aabb;
+
+/// The share by which a step may come nearer than its motion tells: a gap is at least the height of
+/// one that is known, but for a thousandth, and a step keeps a share of it.
+pub(super) const AHEAD: f64 = 1.2;
+
+/// The distance to be kept, for decisions about a gap that is known but for a thousandth.
+pub(super) const WIDE: f64 = 1.01;
+
+/// Number of buckets that a thread looks at together.
+pub(super) const CHUNK: usize = 32;
+
+/// A listed pair.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pair {
+    /// Numbers of its corners.
+    pub corners: [u32; 4],
+    pub parts: Parts,
+    /// A normal that separated the parts when it was last looked for; zero if none did.
+    pub normal: Vector3<f64>,
+    /// Gap when the list was made [m]; 0 for parts that touched.
+    pub listed: f64,
+    /// Distance to be kept [m]; 0 for a pair that is certified and not pushed.
+    pub distance: f64,
+}
+
+impl Pair {
+    pub fn key(&self) -> Key {
+        (self.parts, self.corners)
+    }
+
+    /// A height that [`gap`] gives at least, at given positions [m].
+    pub fn at_least(&self, x: &[Point3<f64>]) -> f64 {
+        0.999 * height(self.parts, &self.of(x), &self.normal)
+    }
+
+    pub fn of(&self, x: &[Point3<f64>]) -> [Point3<f64>; 4] {
+        self.corners.map(|v| x[v as usize])
+    }
+}
+
+/// Two near patches, with their near pairs.
+pub(super) struct Bucket {
+    patches: [u32; 2],
+    against: Against,
+    /// The near pairs, the nearest first.
+    pub pairs: Vec<Pair>,
+    /// Pairs that are not listed were at least this far apart [m].
+    pub reach: f64,
+    /// Bound on the relative motion from the list to the beginning of the frame [m].
+    used: f64,
+    /// Relative motion that wakes the bucket up [m].
+    slack: f64,
+}
+
+/// Relative motion of two patches since the list was made, to the start of the step, and in the
+/// step [m].
+#[derive(Clone, Copy)]
+pub(super) struct Moved {
+    pub before: f64,
+    pub step: f64,
+}
+
+impl Bucket {
+    pub fn moved(&self, patches: &[Patch]) -> Moved {
+        let [one, other] = self.patches.map(|p| &patches[p as usize]);
+        Moved {
+            before: self.used + one.start.relative(&other.start),
+            step: one.step.relative(&other.step),
+        }
+    }
+
+    /// The pairs that can have been nearer than `distance` [m] after a relative motion `moved` [m].
+    pub fn nearer(&mut self, distance: f64, moved: f64) -> &mut [Pair] {
+        // Not `>`: a motion that is not a number looks at all pairs.
+        let count = self
+            .pairs
+            .partition_point(|pair| !(pair.listed > distance + moved));
+        &mut self.pairs[..count]
+    }
+}
+
+impl Meeting {
+    /// Notes the motion of all patches from the beginning of the frame to the start of the step, and
+    /// that of bones in the step.
+    pub(super) fn note_start(&mut self) {
+        let (members, reference, start) = (&self.members, &self.reference, &self.start);
+        self.patches
+            .par_iter_mut()
+            .with_min_len(CHUNK)
+            .for_each(|patch| match &members[patch.member].bone {
+                None => patch.start = Motion::of_vertices(&patch.vertices, reference, start),
+                Some(bone) => {
+                    patch.start = Motion::of_box(&patch.bounds, &bone.reference, &bone.before);
+                    patch.step = Motion::of_box(&patch.bounds, &bone.before, &bone.now);
+                }
+            });
+    }
+
+    /// Counts motion from the start of the present step on.
+    pub(super) fn refer(&mut self) {
+        for bucket in &mut self.buckets {
+            bucket.used = bucket.moved(&self.patches).before;
+        }
+        for patch in &mut self.patches {
+            patch.used += patch.start.size();
+            patch.start = Motion::default();
+        }
+        for member in &mut self.members {
+            if let Some(bone) = &mut member.bone {
+                bone.reference = bone.before;
+            }
+        }
+        self.reference
+            .copy_from_slice(&self.start[..self.soft_count]);
+        self.sort();
+    }
+
+    /// Sorts the buckets by the motion that wakes them up.
+    fn sort(&mut self) {
+        let [thickness, own] = [self.settings.thickness, self.own_distance];
+        for bucket in &mut self.buckets {
+            let first = bucket
+                .pairs
+                .first()
+                .map_or(bucket.reach, |pair| pair.listed);
+            let keep = if bucket.against == Against::Itself {
+                own
+            } else {
+                thickness
+            };
+            bucket.slack = first.min(bucket.reach) - bucket.used - WIDE * keep;
+        }
+        self.buckets.sort_by(|a, b| a.slack.total_cmp(&b.slack));
+    }
+
+    /// Notes the motion of soft patches in the step.
+    pub(super) fn note_step(&mut self) {
+        let (start, end) = (&self.start, &self.end);
+        self.patches
+            .par_iter_mut()
+            .with_min_len(CHUNK)
+            .for_each(|patch| {
+                if !patch.vertices.is_empty() {
+                    patch.step = Motion::of_vertices(&patch.vertices, start, end);
+                }
+            });
+    }
+
+    /// Makes the lists anew that the step to the present end can outdate.
+    pub(super) fn renew(&mut self) {
+        let holds = |p: &Patch| p.used + p.start.size() + AHEAD * p.step.size() <= p.limit;
+        let is_near = self.patches.iter().all(holds);
+        if !is_near {
+            self.find_near_patches();
+        }
+        let awake = self.awake();
+        let mut buckets = std::mem::take(&mut self.buckets);
+        let made: Vec<bool> = buckets[..awake]
+            .par_iter_mut()
+            .with_min_len(CHUNK)
+            .map(|bucket| self.renew_one(bucket))
+            .collect();
+        let made = made.into_iter().chain(std::iter::repeat(false));
+        for (bucket, _) in buckets
+            .iter()
+            .zip(made)
+            .filter(|(_, made)| *made || !is_near)
+        {
+            for &v in bucket.pairs.iter().flat_map(|pair| &pair.corners) {
+                let Some(bone) = (v as usize).checked_sub(self.soft_count) else {
+                    continue;
+                };
+                if !std::mem::replace(&mut self.is_active[bone], true) {
+                    self.active.push(v);
+                    self.place(v);
+                }
+            }
+        }
+        self.buckets = buckets;
+    }
+
+    /// Number of buckets that the motion of this frame can have woken up.
+    pub(super) fn awake(&self) -> usize {
+        let near = self.patches.iter().filter(|patch| patch.is_near);
+        let most = near
+            .map(|p| p.start.size() + AHEAD * p.step.size())
+            .fold(0.0, max2);
+        self.buckets
+            .partition_point(|bucket| !(bucket.slack > 2.0 * most))
+    }
+
+    /// Searches for the pairs of patches that can meet before one of them has moved far.
+    fn find_near_patches(&mut self) {
+        let start = &self.start;
+        let boxes: Vec<Aabb> = (self.patches.par_iter())
+            .map(|patch| match &self.members[patch.member].bone {
+                None => Aabb::of_points(patch.vertices.iter().map(|&v| &start[v as usize])),
+                Some(bone) => patch.bounds.transformed(&bone.before),
+            })
+            .collect();
+        let keep = self.settings.thickness;
+        let far = FAR * self.edge + self.margin + keep;
+        let room = |patch: &Patch| far + 2.0 * AHEAD * patch.step.size();
+        let (mut soft, mut most) = (Aabb::EMPTY, 0.0_f64);
+        let mut wide = Vec::new();
+        for (patch, bounds) in self.patches.iter().zip(&boxes) {
+            wide.push(bounds.inflate(room(patch)));
+            if self.members[patch.member].bone.is_none() {
+                soft = soft.union(bounds);
+                most = max2(most, room(patch));
+            }
+        }
+        for (patch, bounds) in self.patches.iter_mut().zip(&boxes) {
+            patch.is_near = false;
+            patch.used = patch.start.size();
+            patch.limit = match self.members[patch.member].bone {
+                None => room(patch) - keep,
+                // A part of a bone that is far from all soft surfaces can move farther.
+                Some(_) => room(patch).max(apart(bounds, &soft) - most),
+            };
+        }
+        let mut near = box_pairs(&wide);
+        if self.settings.itself {
+            near.extend((0..self.patches.len() as u32).map(|p| [p, p]));
+        }
+        let mut known: std::collections::HashMap<[u32; 2], Bucket> =
+            std::mem::take(&mut self.buckets)
+                .into_iter()
+                .map(|bucket| (bucket.patches, bucket))
+                .collect();
+        for [a, b] in near {
+            let patches = [a.min(b), a.max(b)];
+            let [one, other] = patches.map(|p| &self.patches[p as usize]);
+            if !self.partners.contains(&[one.member, other.member]) {
+                continue;
+            }
+            let bucket = known.remove(&patches).unwrap_or_else(|| Bucket {
+                patches,
+                against: match &self.members[other.member].bone {
+                    Some(_) => Against::Bone,
+                    None if one.member == other.member => Against::Itself,
+                    None => Against::Other,
+                },
+                pairs: Vec::new(),
+                reach: if a == b {
+                    0.0
+                } else {
+                    apart(&boxes[a as usize], &boxes[b as usize])
+                },
+                used: one.start.relative(&other.start),
+                slack: 0.0,
+            });
+            self.buckets.push(bucket);
+            for p in patches {
+                self.patches[p as usize].is_near = true;
+            }
+        }
+        self.active.clear();
+        self.is_active.fill(false);
+        self.buckets.sort_unstable_by_key(|bucket| bucket.patches);
+        self.sort();
+    }
+
+    /// Makes a new list at the start of the step if the present one does not hold for it. Returns
+    /// true if it was made.
+    fn renew_one(&self, bucket: &mut Bucket) -> bool {
+        let keep = match bucket.against {
+            Against::Itself => self.own_distance,
+            _ => self.settings.thickness,
+        };
+        let Moved { before, step } = bucket.moved(&self.patches);
+        if before + AHEAD * step + WIDE * keep <= bucket.reach {
+            return false;
+        }
+        let [one, other] = bucket
+            .patches
+            .map(|p| self.facets(&self.patches[p as usize]));
+        let [a, b] = bucket.patches.map(|p| &self.patches[p as usize]);
+        bucket.used = a.start.relative(&b.start);
+        bucket.reach = 2.0 * bucket.used + AHEAD * step + WIDE * keep + self.margin;
+        let itself = bucket.patches[0] == bucket.patches[1];
+        let found = near_pairs(&one, (!itself).then_some(&*other), bucket.reach);
+        bucket.pairs.clear();
+        for near in found {
+            if near.corners.iter().any(|&v| self.mass[v as usize] > 0.0) {
+                let (listed, normal) = near
+                    .gap
+                    .map_or((0.0, Vector3::zeros()), |gap| (gap.height, gap.normal));
+                bucket.pairs.push(Pair {
+                    corners: near.corners,
+                    parts: near.parts,
+                    normal,
+                    listed,
+                    distance: self.distance(bucket.against, near.parts, &near.corners),
+                });
+            }
+        }
+        bucket.pairs.sort_unstable_by(|a, b| {
+            a.listed
+                .total_cmp(&b.listed)
+                .then_with(|| a.key().cmp(&b.key()))
+        });
+        true
+    }
+
+    /// The triangles of a patch at the start of the step.
+    fn facets(&self, patch: &Patch) -> Vec<Facet> {
+        let member = &self.members[patch.member];
+        let at = |v: u32| match &member.bone {
+            None => self.start[v as usize],
+            Some(bone) => bone.before * bone.surface.positions()[v as usize - member.first],
+        };
+        let facet = |&t: &u32| {
+            let corners = member.triangles[t as usize];
+            Facet::new(corners, member.owned[t as usize], corners.map(at))
+        };
+        patch.triangles.iter().map(facet).collect()
+    }
+
+    /// The distance that a pair keeps [m].
+    fn distance(&self, against: Against, parts: Parts, corners: &[u32; 4]) -> f64 {
+        let is_soft = |v: &&u32| (**v as usize) < self.soft_count;
+        // Vertices of a muscle near a bone have planes of their own.
+        let [first, second] = [&corners[0], &corners[1]];
+        if against == Against::Bone
+            && parts == Parts::VertexTriangle
+            && is_soft(&first)
+            && !is_soft(&second)
+        {
+            return 0.0;
+        }
+        let at_rest = &self.at_rest[against as usize];
+        let soft = corners.iter().filter(is_soft);
+        soft.fold(f64::INFINITY, |least, &v| least.min(at_rest[v as usize]))
+    }
+
+    /// Parts that are nearer than the thickness at rest keep the distance that they have: layers that
+    /// lie on each other are not pushed apart.
+    pub(super) fn learn_rest(&mut self) {
+        for bucket in &self.buckets {
+            let at_rest = &mut self.at_rest[bucket.against as usize];
+            for pair in &bucket.pairs {
+                for &v in pair
+                    .corners
+                    .iter()
+                    .filter(|&&v| (v as usize) < self.soft_count)
+                {
+                    let rest = &mut at_rest[v as usize];
+                    *rest = rest.min(pair.listed);
+                }
+            }
+        }
+        for bucket in &mut self.buckets {
+            // Lists of the rest have other distances.
+            bucket.reach = f64::NEG_INFINITY;
+        }
+        self.sort();
+    }
+
+    /// Notes the least gap at the end of a frame.
+    pub fn note_gaps(&mut self) {
+        let (awake, least) = (self.awake(), self.settings.thickness);
+        let (patches, end) = (&self.patches, &self.end);
+        let of_one = |bucket: &mut Bucket| {
+            let Moved { before, step } = bucket.moved(patches);
+            let mut least = least;
+            for pair in bucket.nearer(least, before + step) {
+                if !(pair.at_least(end) >= least) {
+                    let gap = gap(pair.parts, &pair.of(end));
+                    least = least.min(gap.map_or(0.0, |gap| gap.height));
+                }
+            }
+            least
+        };
+        let found = self.buckets[..awake].par_iter_mut().with_min_len(CHUNK);
+        let found = found.map(of_one).reduce(|| least, f64::min);
+        if found < least {
+            self.certificate.least_gap = self.certificate.least_gap.min(found);
+        }
+    }
+}
+
+/// Distance of two boxes [m].
+fn apart(one: &Aabb, other: &Aabb) -> f64 {
+    let between = (one.min - other.max).sup(&(other.min - one.max));
+    between.sup(&Vector3::zeros()).norm()
+}
