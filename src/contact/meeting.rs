@@ -40,6 +40,13 @@ use rows::Row;
 /// median edge: shorter lists are made more often, longer ones take longer.
 const MARGIN: f64 = 0.3;
 
+/// A frame is divided where this many steps have passed since the motion of patches was measured,
+/// and between them it is summed.
+const SUMMED: usize = 8;
+
+/// Relative motion that wakes up two patches, relative to the median edge.
+const WAKE: f64 = 0.1;
+
 /// Two patches are looked at while each of them moves by this much, relative to the median edge.
 const FAR: f64 = 1.5;
 
@@ -146,8 +153,13 @@ pub struct Meeting {
     /// Pairs of members that can meet.
     partners: Vec<[usize; 2]>,
     patches: Vec<Patch>,
-    /// Pairs of near patches, those that can matter first ascending.
+    /// Pairs of near patches; the first ones are awake, and the others are until patches have moved
+    /// by `wake` [m].
     buckets: Vec<Bucket>,
+    awake: usize,
+    wake: f64,
+    /// Number of steps since motion was measured.
+    summed: usize,
     /// Number of soft vertices; those of bones follow.
     soft_count: usize,
     /// Vertices of bones that pairs name.
@@ -254,6 +266,9 @@ impl Meeting {
             patches: patches(&members, &start),
             partners: pairs,
             buckets: Vec::new(),
+            awake: 0,
+            wake: WAKE * edge,
+            summed: 0,
             soft_count,
             active: Vec::new(),
             is_active: vec![false; start.len() - soft_count],
@@ -275,7 +290,7 @@ impl Meeting {
             start,
         };
         meeting.note_step();
-        meeting.renew();
+        meeting.look(|_, _, _, _: &mut Vec<()>| ());
         meeting.learn_rest();
         meeting
     }
@@ -300,24 +315,28 @@ impl Meeting {
 
     /// Begins a frame at the positions of each soft surface [m].
     pub fn begin_frame(&mut self, bodies: &[&[Point3<f64>]], placed: &[PosedObstacle]) {
+        self.summed = SUMMED;
         self.begin_step(bodies, placed);
         self.refer();
     }
 
     /// Begins a step at the positions of each soft surface [m].
     pub fn begin_step(&mut self, bodies: &[&[Point3<f64>]], placed: &[PosedObstacle]) {
+        let mut goes_on = true;
         for (member, x) in self.members.iter().zip(bodies) {
-            self.start[member.first..member.first + member.count].copy_from_slice(x);
+            let all = member.first..member.first + member.count;
+            goes_on &= self.end[all.clone()] == **x;
+            self.start[all].copy_from_slice(x);
         }
-        for member in &mut self.members {
-            if let Some(bone) = &mut member.bone {
-                (bone.before, bone.now) = (placed[bone.obstacle].before, placed[bone.obstacle].now);
-            }
+        for bone in self.members.iter_mut().filter_map(|m| m.bone.as_mut()) {
+            let PosedObstacle { before, now, .. } = &placed[bone.obstacle];
+            goes_on &= bone.now == *before;
+            (bone.before, bone.now) = (*before, *now);
         }
         for k in 0..self.active.len() {
             self.place(self.active[k]);
         }
-        self.note_start();
+        self.note_start(goes_on);
         self.rows.clear();
     }
 

@@ -1,6 +1,6 @@
 //! Patches of a surface: neighbouring triangles that a search treats together, and their motion.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::gap::max2;
 use crate::mesh::measures::Aabb;
@@ -36,6 +36,23 @@ pub(super) fn split(triangles: &[[u32; 3]], x: &[Point3<f64>]) -> Vec<Vec<u32>> 
     patches
 }
 
+/// Rigid motion from one pose to another one: a point moves by `matrix` times its place and `shift`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Turn {
+    matrix: Matrix3<f64>,
+    shift: Vector3<f64>,
+}
+
+impl Turn {
+    pub fn new(from: &Isometry3<f64>, to: &Isometry3<f64>) -> Self {
+        let turned = |pose: &Isometry3<f64>| *pose.rotation.to_rotation_matrix().matrix();
+        Self {
+            matrix: turned(to) - turned(from),
+            shift: to.translation.vector - from.translation.vector,
+        }
+    }
+}
+
 /// The motion of a patch: no vertex moves by more than `spread` [m] from the mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Motion {
@@ -60,18 +77,23 @@ impl Motion {
         }
     }
 
-    /// The motion of a rigid box between two poses.
-    pub fn of_box(bounds: &Aabb, from: &Isometry3<f64>, to: &Isometry3<f64>) -> Self {
-        if from == to {
-            return Self::default();
-        }
-        // Rigid motion is affine, so that the corners move farthest from the mean.
-        let by = bounds.corners().map(|c| to * c - from * c);
-        let mean = by.iter().sum::<Vector3<f64>>() / 8.0;
-        let squares = by.iter().map(|d| (d - mean).norm_squared());
+    /// The motion of a rigid box.
+    pub fn of_box(bounds: &Aabb, turn: &Turn) -> Self {
+        let half = bounds.extents() * 0.5;
+        let centre = bounds.min + half;
         Self {
-            mean,
-            spread: squares.fold(0.0, max2).sqrt(),
+            mean: turn.matrix * centre.coords + turn.shift,
+            // A corner departs from the centre by this much, or less.
+            spread: (turn.matrix.abs() * half).norm(),
+        }
+    }
+
+    /// This motion and then another one.
+    #[must_use]
+    pub fn then(&self, other: &Self) -> Self {
+        Self {
+            mean: self.mean + other.mean,
+            spread: self.spread + other.spread,
         }
     }
 
@@ -117,7 +139,7 @@ mod tests {
         let [one, other] = both.clone().map(|of| Motion::of_vertices(&of, x, &to));
         let rigid = both.each_ref().map(|of| {
             let bounds = Aabb::of_points(of.iter().map(|&v| &x[v as usize]));
-            Motion::of_box(&bounds, &from, &pose)
+            Motion::of_box(&bounds, &Turn::new(&from, &pose))
         });
         for &v in &both[0] {
             let by = to[v as usize] - x[v as usize];
@@ -132,6 +154,8 @@ mod tests {
                 assert!(mixed <= one.relative(&rigid[1]) * (1.0 + 1e-12));
             }
         }
+        let twice = one.then(&other);
+        assert!(twice.size() <= one.size() + other.size() + 1e-15);
         // A motion that is not a number is not hidden.
         let mut torn = to;
         torn[both[0][0] as usize].x = f64::NAN;

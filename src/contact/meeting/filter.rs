@@ -1,11 +1,10 @@
 //! The guarantee: motion is taken back until every pair is in order along its normal.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
 use super::super::gap::{Parts, ROUNDING, gap, height};
-use super::super::patches::Motion;
-use super::lists::{AHEAD, Bucket, CHUNK, Moved};
+use super::super::patches::{Motion, Turn};
+use super::lists::AHEAD;
 use super::{Key, Meeting};
 use crate::mesh::measures::Aabb;
 
@@ -37,7 +36,6 @@ impl Meeting {
         let (mut found, mut halvings): (Vec<Crossing>, Vec<u8>) = Default::default();
         let (mut round, mut open) = (0, 0);
         loop {
-            self.renew();
             let known = found.len();
             found.extend(self.crossings());
             found.sort_unstable_by_key(Crossing::key);
@@ -97,7 +95,7 @@ impl Meeting {
         let mut most = 0.0_f64;
         for bone in self.members.iter().filter_map(|m| m.bone.as_ref()) {
             let near = bounds.transformed(&bone.before.inverse());
-            most = most.max(Motion::of_box(&near, &bone.before, &bone.now).size());
+            most = most.max(Motion::of_box(&near, &Turn::new(&bone.before, &bone.now)).size());
         }
         most += STRIDE * self.edge;
         let mut is_moved = false;
@@ -127,20 +125,28 @@ impl Meeting {
 
     /// The pairs that are not in order at the end of the step.
     fn crossings(&mut self) -> Vec<Crossing> {
-        let awake = self.awake();
-        let (patches, start, end, kept) = (&self.patches, &self.start, &self.end, self.kept);
-        let found: Vec<Vec<Crossing>> = self.buckets[..awake]
-            .par_chunks_mut(CHUNK)
-            .map(|buckets| {
-                let mut found = Vec::new();
-                for bucket in buckets {
-                    let moved = bucket.moved(patches);
-                    crossings(bucket, moved, [start, end], kept, &mut found);
+        let kept = self.kept;
+        self.look(|bucket, moved, [start, end], found| {
+            // A pair with this gap stays in order, whatever its normal is.
+            let safe = moved.step / (0.999 - kept);
+            for pair in bucket.nearer(AHEAD * moved.step, moved.before) {
+                if pair.at_least(start) >= safe {
+                    continue;
                 }
-                found
-            })
-            .collect();
-        found.concat()
+                let gap = gap(pair.parts, &pair.of(start));
+                if let Some(gap) = gap {
+                    pair.normal = gap.normal;
+                }
+                let crossing = Crossing {
+                    parts: pair.parts,
+                    corners: pair.corners,
+                    plane: gap.map(|gap| (gap.normal, gap.height)),
+                };
+                if !crossing.is_in_order(start, end, kept) {
+                    found.push(crossing);
+                }
+            }
+        })
     }
 
     /// Moves the free vertices of a pair back towards the start. Returns false if all are there.
@@ -160,35 +166,6 @@ impl Meeting {
             is_moved = true;
         }
         is_moved
-    }
-}
-
-/// Adds the pairs of a bucket that are not in order at the end of a step.
-fn crossings(
-    bucket: &mut Bucket,
-    moved: Moved,
-    [start, end]: [&[Point3<f64>]; 2],
-    kept: f64,
-    found: &mut Vec<Crossing>,
-) {
-    // A pair with this gap stays in order, whatever its normal is.
-    let safe = moved.step / (0.999 - kept);
-    for pair in bucket.nearer(AHEAD * moved.step, moved.before) {
-        if pair.at_least(start) >= safe {
-            continue;
-        }
-        let gap = gap(pair.parts, &pair.of(start));
-        if let Some(gap) = gap {
-            pair.normal = gap.normal;
-        }
-        let crossing = Crossing {
-            parts: pair.parts,
-            corners: pair.corners,
-            plane: gap.map(|gap| (gap.normal, gap.height)),
-        };
-        if !crossing.is_in_order(start, end, kept) {
-            found.push(crossing);
-        }
     }
 }
 

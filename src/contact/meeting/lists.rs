@@ -10,9 +10,9 @@ use rayon::prelude::*;
 
 use super::super::gap::{Parts, gap, height, max2};
 use super::super::near_pairs::{Facet, near_pairs};
-use super::super::patches::Motion;
+use super::super::patches::{Motion, Turn};
 use super::super::surface::box_pairs;
-use super::{Against, FAR, Key, Meeting, Patch};
+use super::{Against, FAR, Key, Meeting, Patch, SUMMED};
 use crate::mesh::measures::Aabb;
 
 /// The share by which a step may come nearer than its motion tells: a gap is at least the height of
@@ -64,8 +64,6 @@ pub(super) struct Bucket {
     pub reach: f64,
     /// Bound on the relative motion from the list to the beginning of the frame [m].
     used: f64,
-    /// Relative motion that wakes the bucket up [m].
-    slack: f64,
 }
 
 /// Relative motion of two patches since the list was made, to the start of the step, and in the
@@ -96,20 +94,33 @@ impl Bucket {
 }
 
 impl Meeting {
-    /// Notes the motion of all patches from the beginning of the frame to the start of the step, and
-    /// that of bones in the step.
-    pub(super) fn note_start(&mut self) {
-        let (members, reference, start) = (&self.members, &self.reference, &self.start);
-        self.patches
-            .par_iter_mut()
-            .with_min_len(CHUNK)
-            .for_each(|patch| match &members[patch.member].bone {
-                None => patch.start = Motion::of_vertices(&patch.vertices, reference, start),
-                Some(bone) => {
-                    patch.start = Motion::of_box(&patch.bounds, &bone.reference, &bone.before);
-                    patch.step = Motion::of_box(&patch.bounds, &bone.before, &bone.now);
-                }
-            });
+    /// Notes the motion of all patches to the start of the step, and that of bones in the step. A step
+    /// that goes on where the last one ended adds its motion.
+    pub(super) fn note_start(&mut self, goes_on: bool) {
+        let turns: Vec<Option<[Turn; 2]>> = (self.members.iter())
+            .map(|member| {
+                let bone = member.bone.as_ref()?;
+                let to_start = Turn::new(&bone.reference, &bone.before);
+                Some([to_start, Turn::new(&bone.before, &bone.now)])
+            })
+            .collect();
+        let is_summed = goes_on && self.summed < SUMMED;
+        self.summed = if is_summed { self.summed + 1 } else { 0 };
+        let (reference, start) = (&self.reference, &self.start);
+        let patches = self.patches.par_iter_mut().with_min_len(CHUNK);
+        patches.for_each(|patch| match &turns[patch.member] {
+            None if is_summed => patch.start = patch.start.then(&patch.step),
+            None => patch.start = Motion::of_vertices(&patch.vertices, reference, start),
+            Some([to_start, step]) => {
+                patch.start = Motion::of_box(&patch.bounds, to_start);
+                patch.step = Motion::of_box(&patch.bounds, step);
+            }
+        });
+        let near = self.patches.iter().filter(|patch| patch.is_near);
+        // A quarter each for both patches, the rest for the steps to come.
+        if !(near.map(|p| p.start.size()).fold(0.0, max2) <= 0.25 * self.wake) {
+            self.refer();
+        }
     }
 
     /// Counts motion from the start of the present step on.
@@ -128,25 +139,33 @@ impl Meeting {
         }
         self.reference
             .copy_from_slice(&self.start[..self.soft_count]);
-        self.sort();
+        self.wake_up();
     }
 
-    /// Sorts the buckets by the motion that wakes them up.
-    fn sort(&mut self) {
-        let [thickness, own] = [self.settings.thickness, self.own_distance];
-        for bucket in &mut self.buckets {
+    /// Brings the buckets to the front that little motion wakes up.
+    fn wake_up(&mut self) {
+        let mut awake = 0;
+        for k in 0..self.buckets.len() {
+            let bucket = &self.buckets[k];
             let first = bucket
                 .pairs
                 .first()
                 .map_or(bucket.reach, |pair| pair.listed);
-            let keep = if bucket.against == Against::Itself {
-                own
-            } else {
-                thickness
-            };
-            bucket.slack = first.min(bucket.reach) - bucket.used - WIDE * keep;
+            let kept = WIDE * self.keeps(bucket.against);
+            if !(first.min(bucket.reach) - bucket.used - kept > self.wake) {
+                self.buckets.swap(k, awake);
+                awake += 1;
+            }
         }
-        self.buckets.sort_by(|a, b| a.slack.total_cmp(&b.slack));
+        self.awake = awake;
+    }
+
+    /// The distance that two surfaces keep [m].
+    fn keeps(&self, against: Against) -> f64 {
+        match against {
+            Against::Itself => self.own_distance,
+            _ => self.settings.thickness,
+        }
     }
 
     /// Notes the motion of soft patches in the step.
@@ -162,47 +181,79 @@ impl Meeting {
             });
     }
 
-    /// Makes the lists anew that the step to the present end can outdate.
-    pub(super) fn renew(&mut self) {
-        let holds = |p: &Patch| p.used + p.start.size() + AHEAD * p.step.size() <= p.limit;
-        let is_near = self.patches.iter().all(holds);
-        if !is_near {
+    /// Looks at all buckets that motion can have woken up, with lists that hold for the step to the
+    /// present end. `look` gets the buckets, their motion, and the start and the end of the step.
+    pub(super) fn look<T: Send>(
+        &mut self,
+        look: impl Fn(&mut Bucket, Moved, [&[Point3<f64>]; 2], &mut Vec<T>) + Sync,
+    ) -> Vec<T> {
+        let is_near = |p: &Patch| p.used + p.start.size() + AHEAD * p.step.size() <= p.limit;
+        let is_far = !self.patches.iter().all(is_near);
+        if is_far {
             self.find_near_patches();
         }
-        let awake = self.awake();
-        let mut buckets = std::mem::take(&mut self.buckets);
-        let made: Vec<bool> = buckets[..awake]
-            .par_iter_mut()
-            .with_min_len(CHUNK)
-            .map(|bucket| self.renew_one(bucket))
-            .collect();
-        let made = made.into_iter().chain(std::iter::repeat(false));
-        for (bucket, _) in buckets
-            .iter()
-            .zip(made)
-            .filter(|(_, made)| *made || !is_near)
-        {
-            for &v in bucket.pairs.iter().flat_map(|pair| &pair.corners) {
-                let Some(bone) = (v as usize).checked_sub(self.soft_count) else {
-                    continue;
-                };
-                if !std::mem::replace(&mut self.is_active[bone], true) {
-                    self.active.push(v);
-                    self.place(v);
-                }
-            }
-        }
-        self.buckets = buckets;
-    }
-
-    /// Number of buckets that the motion of this frame can have woken up.
-    pub(super) fn awake(&self) -> usize {
         let near = self.patches.iter().filter(|patch| patch.is_near);
         let most = near
             .map(|p| p.start.size() + AHEAD * p.step.size())
             .fold(0.0, max2);
-        self.buckets
-            .partition_point(|bucket| !(bucket.slack > 2.0 * most))
+        let awake = if 2.0 * most <= self.wake && !is_far {
+            self.awake
+        } else {
+            self.buckets.len()
+        };
+        let mut buckets = std::mem::take(&mut self.buckets);
+        let found: Vec<(Vec<T>, Vec<&mut Bucket>)> = buckets[..awake]
+            .par_chunks_mut(CHUNK)
+            .map(|buckets| {
+                let (mut found, mut outdated) = (Vec::new(), Vec::new());
+                for bucket in buckets {
+                    let moved = bucket.moved(&self.patches);
+                    if is_far || !(self.needs(bucket, moved) <= bucket.reach) {
+                        outdated.push(bucket);
+                    } else {
+                        look(bucket, moved, [&self.start, &self.end], &mut found);
+                    }
+                }
+                (found, outdated)
+            })
+            .collect();
+        let (mut all, mut outdated) = (Vec::new(), Vec::new());
+        for (found, late) in found {
+            all.extend(found);
+            outdated.extend(late);
+        }
+        if !outdated.is_empty() {
+            outdated.par_iter_mut().for_each(|bucket| {
+                let moved = bucket.moved(&self.patches);
+                if !(self.needs(bucket, moved) <= bucket.reach) {
+                    self.list(bucket, moved.step);
+                }
+            });
+            for bucket in &outdated {
+                for pair in &bucket.pairs {
+                    self.activate(&pair.corners);
+                }
+            }
+            for bucket in outdated {
+                let moved = bucket.moved(&self.patches);
+                look(bucket, moved, [&self.start, &self.end], &mut all);
+            }
+        }
+        self.buckets = buckets;
+        all
+    }
+
+    /// Lets the vertices of bones move among `corners`.
+    fn activate(&mut self, corners: &[u32; 4]) {
+        for &v in corners {
+            let Some(bone) = (v as usize).checked_sub(self.soft_count) else {
+                continue;
+            };
+            if !std::mem::replace(&mut self.is_active[bone], true) {
+                self.active.push(v);
+                self.place(v);
+            }
+        }
     }
 
     /// Searches for the pairs of patches that can meet before one of them has moved far.
@@ -264,7 +315,6 @@ impl Meeting {
                     apart(&boxes[a as usize], &boxes[b as usize])
                 },
                 used: one.start.relative(&other.start),
-                slack: 0.0,
             });
             self.buckets.push(bucket);
             for p in patches {
@@ -273,27 +323,23 @@ impl Meeting {
         }
         self.active.clear();
         self.is_active.fill(false);
-        self.buckets.sort_unstable_by_key(|bucket| bucket.patches);
-        self.sort();
+        self.wake_up();
     }
 
-    /// Makes a new list at the start of the step if the present one does not hold for it. Returns
-    /// true if it was made.
-    fn renew_one(&self, bucket: &mut Bucket) -> bool {
-        let keep = match bucket.against {
-            Against::Itself => self.own_distance,
-            _ => self.settings.thickness,
-        };
-        let Moved { before, step } = bucket.moved(&self.patches);
-        if before + AHEAD * step + WIDE * keep <= bucket.reach {
-            return false;
-        }
+    /// The distance within which a list must have all pairs [m].
+    fn needs(&self, bucket: &Bucket, moved: Moved) -> f64 {
+        moved.before + AHEAD * moved.step + WIDE * self.keeps(bucket.against)
+    }
+
+    /// Makes the list of a bucket at the start of the step, for a relative motion `step` [m].
+    fn list(&self, bucket: &mut Bucket, step: f64) {
         let [one, other] = bucket
             .patches
             .map(|p| self.facets(&self.patches[p as usize]));
         let [a, b] = bucket.patches.map(|p| &self.patches[p as usize]);
         bucket.used = a.start.relative(&b.start);
-        bucket.reach = 2.0 * bucket.used + AHEAD * step + WIDE * keep + self.margin;
+        let before = 2.0 * bucket.used;
+        bucket.reach = self.needs(bucket, Moved { before, step }) + self.margin;
         let itself = bucket.patches[0] == bucket.patches[1];
         let found = near_pairs(&one, (!itself).then_some(&*other), bucket.reach);
         bucket.pairs.clear();
@@ -316,7 +362,6 @@ impl Meeting {
                 .total_cmp(&b.listed)
                 .then_with(|| a.key().cmp(&b.key()))
         });
-        true
     }
 
     /// The triangles of a patch at the start of the step.
@@ -370,29 +415,24 @@ impl Meeting {
             // Lists of the rest have other distances.
             bucket.reach = f64::NEG_INFINITY;
         }
-        self.sort();
+        self.wake_up();
     }
 
     /// Notes the least gap at the end of a frame.
     pub fn note_gaps(&mut self) {
-        let (awake, least) = (self.awake(), self.settings.thickness);
-        let (patches, end) = (&self.patches, &self.end);
-        let of_one = |bucket: &mut Bucket| {
-            let Moved { before, step } = bucket.moved(patches);
-            let mut least = least;
-            for pair in bucket.nearer(least, before + step) {
+        let most = self.settings.thickness;
+        let found = self.look(|bucket, moved, [_, end], found| {
+            let mut least = most;
+            for pair in bucket.nearer(most, moved.before + moved.step) {
                 if !(pair.at_least(end) >= least) {
                     let gap = gap(pair.parts, &pair.of(end));
                     least = least.min(gap.map_or(0.0, |gap| gap.height));
                 }
             }
-            least
-        };
-        let found = self.buckets[..awake].par_iter_mut().with_min_len(CHUNK);
-        let found = found.map(of_one).reduce(|| least, f64::min);
-        if found < least {
-            self.certificate.least_gap = self.certificate.least_gap.min(found);
-        }
+            found.extend((least < most).then_some(least));
+        });
+        let least = &mut self.certificate.least_gap;
+        *least = found.into_iter().fold(*least, f64::min);
     }
 }
 

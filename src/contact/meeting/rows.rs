@@ -1,10 +1,9 @@
 //! Pairs that are pushed apart to their distance, with friction.
 
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
 
-use super::super::gap::{Parts, difference, gap};
-use super::lists::{AHEAD, Bucket, CHUNK, Moved, WIDE};
+use super::super::gap::{Gap, Parts, difference, gap};
+use super::lists::{AHEAD, Pair, WIDE};
 use super::{Key, Meeting};
 
 /// Greatest number of sweeps over all rows of a step, and the greatest correction of the last sweep
@@ -29,7 +28,6 @@ impl Meeting {
     /// of each soft surface [m].
     pub fn respond(&mut self, bodies: &mut [&mut [Point3<f64>]]) {
         let is_cut = self.set_end(bodies);
-        self.renew();
         self.find_rows();
         for _ in 0..SWEEPS {
             let mut largest = 0.0_f64;
@@ -50,33 +48,33 @@ impl Meeting {
     /// Looks at every pair that comes nearer than its distance. Its closest points are those at the
     /// start of the step, where no pair crosses, so that the normal cannot point the wrong way.
     fn find_rows(&mut self) {
-        let awake = self.awake();
-        let view = View {
-            start: &self.start,
-            end: &self.end,
-            thickness: self.settings.thickness,
-        };
-        let patches = &self.patches;
-        let found: Vec<(Vec<Row>, u64)> = self.buckets[..awake]
-            .par_chunks_mut(CHUNK)
-            .map(|buckets| {
-                let (mut rows, mut near) = (Vec::new(), 0);
-                for bucket in buckets {
-                    let moved = bucket.moved(patches);
-                    near += view.rows(bucket, moved, &mut rows);
+        let thickness = self.settings.thickness;
+        let mut found = self.look(|bucket, moved, [start, end], found| {
+            for pair in bucket.nearer(WIDE * thickness + AHEAD * moved.step, moved.before) {
+                let distance = pair.distance;
+                if !(distance > 0.0) || pair.at_least(start) >= distance + moved.step {
+                    continue;
                 }
-                (rows, near)
-            })
-            .collect();
-        let known = self.rows.len();
-        for (rows, near) in found {
-            self.certificate.pairs += near;
-            let before = &self.rows[..known];
-            let is_new = |row: &Row| before.binary_search_by_key(&row.key(), Row::key).is_err();
-            let new: Vec<Row> = rows.into_iter().filter(is_new).collect();
-            self.rows.extend(new);
-        }
-        if self.rows.len() > known {
+                if let Some(gap) = gap(pair.parts, &pair.of(start)) {
+                    pair.normal = gap.normal;
+                    let row = Row::new(pair, &gap);
+                    let is_near = gap.height < distance;
+                    // A vertex at the end of an edge has a pair of its own.
+                    let is_own = pair.parts.first() == 1 || gap.inner;
+                    let is_pushed = is_own && !(row.height(end) >= distance);
+                    if is_near || is_pushed {
+                        found.push((row, is_near, is_pushed));
+                    }
+                }
+            }
+        });
+        self.certificate.pairs += found.iter().filter(|(_, is_near, _)| *is_near).count() as u64;
+        let before = &self.rows;
+        found.retain(|(row, _, is_pushed)| {
+            *is_pushed && before.binary_search_by_key(&row.key(), Row::key).is_err()
+        });
+        if !found.is_empty() {
+            self.rows.extend(found.into_iter().map(|(row, ..)| row));
             self.rows.sort_unstable_by_key(Row::key);
         }
     }
@@ -98,46 +96,24 @@ impl Meeting {
     }
 }
 
-/// The positions of a step.
-struct View<'a> {
-    start: &'a [Point3<f64>],
-    end: &'a [Point3<f64>],
-    thickness: f64,
-}
-
-impl View<'_> {
-    /// Adds the rows of a bucket. Returns the number of pairs nearer than their distance.
-    fn rows(&self, bucket: &mut Bucket, moved: Moved, rows: &mut Vec<Row>) -> u64 {
-        let mut near = 0;
-        for pair in bucket.nearer(WIDE * self.thickness + AHEAD * moved.step, moved.before) {
-            let distance = pair.distance;
-            if !(distance > 0.0) || pair.at_least(self.start) >= distance + moved.step {
-                continue;
-            }
-            let Some(found) = gap(pair.parts, &pair.of(self.start)) else {
-                continue;
-            };
-            pair.normal = found.normal;
-            near += u64::from(found.height < distance);
-            // A vertex at the end of an edge has a pair of its own.
-            let is_own = pair.parts.first() == 1 || found.inner;
-            let end = pair.of(self.end);
-            if is_own && !(found.normal.dot(&difference(&end, &found.weights)) >= distance) {
-                rows.push(Row {
-                    parts: pair.parts,
-                    corners: pair.corners,
-                    weights: found.weights,
-                    normal: found.normal,
-                    distance,
-                    push: 0.0,
-                });
-            }
-        }
-        near
-    }
-}
-
 impl Row {
+    fn new(pair: &Pair, gap: &Gap) -> Self {
+        Self {
+            parts: pair.parts,
+            corners: pair.corners,
+            weights: gap.weights,
+            normal: gap.normal,
+            distance: pair.distance,
+            push: 0.0,
+        }
+    }
+
+    /// The height of the first part over the second one [m].
+    fn height(&self, x: &[Point3<f64>]) -> f64 {
+        let at = self.corners.map(|v| x[v as usize]);
+        self.normal.dot(&difference(&at, &self.weights))
+    }
+
     fn key(&self) -> Key {
         (self.parts, self.corners)
     }
@@ -155,8 +131,7 @@ impl Row {
 
     /// Pushes the pair apart, at most by `most` [m]. Returns the correction [m].
     fn push(&mut self, x: &mut [Point3<f64>], mass: &[f64], most: f64) -> f64 {
-        let at = self.corners.map(|v| x[v as usize]);
-        let lack = self.distance - self.normal.dot(&difference(&at, &self.weights));
+        let lack = self.distance - self.height(x);
         if !(lack > 0.0) {
             return 0.0;
         }

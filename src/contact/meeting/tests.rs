@@ -89,7 +89,7 @@ fn driven(trials: u64, [size, margin]: [f64; 2], spoil: impl Fn(&mut Meeting)) -
             let starts: Vec<&[Point3<f64>]> = starts.iter().map(Vec::as_slice).collect();
             meeting.begin_frame(&starts, &[]);
             meeting.margin = margin;
-            meeting.renew();
+            meeting.look(|_, _, _, _: &mut Vec<()>| ());
             spoil(&mut meeting);
             meeting.begin_step(&starts, &[]);
             for (ball, sign) in balls.iter_mut().zip([1.0, -1.0]) {
