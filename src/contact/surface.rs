@@ -1,9 +1,9 @@
 //! A triangle mesh with signed closest-point queries; the only file that uses parry.
 
-use nalgebra::{Isometry3, Point3, Vector3};
-use parry3d_f64::bounding_volume::{Aabb as ParryAabb, BoundingVolume};
+use nalgebra::{Point3, Vector3};
+use parry3d_f64::bounding_volume::Aabb as ParryAabb;
 use parry3d_f64::math::Vector as Glam;
-use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhNode, BvhWorkspace};
+use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 use parry3d_f64::query::{PointQuery, Ray, RayCast};
 use parry3d_f64::shape::Triangle;
 
@@ -156,11 +156,6 @@ impl Surface {
         let begin = found.len();
         found.extend(self.bvh.intersect_aabb(&ParryAabb::new(p - half, p + half)));
         found[begin..].sort_unstable();
-    }
-
-    /// Corners of a triangle at the last refit [m].
-    pub(super) fn corners(&self, triangle: u32) -> [Point3<f64>; 3] {
-        self.faces.mesh.corners(triangle as usize)
     }
 
     /// The winding number of the surface at `point`, exact. `x` are its positions, none farther
