@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
 use super::assets::Assets;
 use super::attachments::Attached;
 use super::body::attach;
 use super::fault::{Fault, LoadError};
 use super::plan::{MusclePlan, Plan};
 use super::ready::{Among, Rest};
-use crate::contact::apart::{Gaps, PartedPair};
+use crate::contact::apart::{Gaps, PartedPair, RigidBody, SoftBody, overlaps};
 use crate::contact::untangle::Untangled;
 use crate::contact::{PosedObstacle, Surface};
 use crate::scene::Scene;
@@ -43,9 +46,16 @@ impl Start {
             let read = assets.ready.rest(&asset.mesh);
             attached.push(attach(scene, m, &read, assets, placed)?);
         }
-        let rests = assets.muscles.iter().zip(&plan.muscles);
+        let bones: Vec<Bone> = surfaces
+            .iter()
+            .cloned()
+            .zip(placed)
+            .filter(|_| scene.effects.contact.is_some_and(|c| c.between.bones))
+            .map(|(s, p)| (p.name.clone(), s, p.now))
+            .collect();
+        let rests = assets.muscles.par_iter().zip(&plan.muscles);
         let mut muscles: Vec<(Arc<Rest>, Untangled)> = rests
-            .map(|(asset, plan)| at_rest(scene, assets, plan, placed, &asset.mesh))
+            .map(|(asset, plan)| at_rest(scene, assets, plan, placed, &asset.mesh, &bones))
             .collect();
         let given = plan.muscles.iter().any(|muscle| muscle.rest.is_some());
         let Some(contact) = scene.effects.contact.filter(|_| !given) else {
@@ -57,13 +67,6 @@ impl Start {
             true => vec![all],
             false => all.into_iter().map(|m| vec![m]).collect(),
         };
-        let bones: Vec<_> = surfaces
-            .iter()
-            .cloned()
-            .zip(placed)
-            .filter(|_| contact.between.bones)
-            .map(|(s, p)| (p.name.clone(), s, p.now))
-            .collect();
         let mut pairs = Vec::new();
         for set in sets {
             let read = |&m: &usize| assets.ready.rest(&assets.muscles[m].mesh);
@@ -113,19 +116,29 @@ impl Start {
     }
 }
 
-/// The shape at rest: that of the plan, or as read without its overlap with bones.
+/// Name, surface and pose of a bone.
+type Bone = (String, Arc<Surface>, Isometry3<f64>);
+
+/// The shape at rest: that of the plan, or as read without its overlap with bones. A muscle that
+/// crosses a bone is as read: it is parted from it later, when the side on which it lies is known.
 fn at_rest(
     scene: &Scene,
     assets: &Assets,
     plan: &MusclePlan,
     placed: &[PosedObstacle],
     read: &crate::mesh::TriangleMesh,
+    bones: &[Bone],
 ) -> (Arc<Rest>, Untangled) {
     let read = assets.ready.rest(read);
     if let Some(mesh) = &plan.rest {
         return (assets.ready.rest(mesh), Untangled::default());
     }
+    // Capsules have no triangles that could be crossed.
+    let is_bone = |o: &usize| *o < scene.bones.len();
     match scene.effects.contact {
+        Some(_) if plan.obstacles.iter().all(is_bone) && crosses(&read, bones) => {
+            (read, Untangled::default())
+        }
         Some(contact) if !plan.obstacles.is_empty() => {
             let (obstacles, thickness) = (&plan.obstacles, contact.thickness);
             let clear = assets.ready.clear(&read, placed, obstacles, thickness);
@@ -133,4 +146,24 @@ fn at_rest(
         }
         _ => (read, Untangled::default()),
     }
+}
+
+/// True if a closed muscle crosses a bone, or one is inside the other.
+fn crosses(muscle: &Rest, bones: &[Bone]) -> bool {
+    let soft = SoftBody {
+        name: "",
+        mesh: &muscle.mesh,
+        surface: &muscle.surface(),
+        held: Vec::new(),
+        fixed: true,
+    };
+    let rigid: Vec<RigidBody<'_>> = bones
+        .iter()
+        .map(|(name, surface, pose)| RigidBody {
+            name,
+            surface,
+            pose: *pose,
+        })
+        .collect();
+    muscle.topology().is_closed() && !overlaps(&[soft], &rigid).is_empty()
 }
