@@ -12,6 +12,9 @@ use crate::mesh::measures::Aabb;
 /// back towards the start of the step.
 const ROUNDS: usize = 24;
 
+/// Greatest number of all rounds: what moves back can be pushed again by vertices that bones hold.
+const ALL_ROUNDS: usize = 200;
+
 /// Number of times that the motion of a vertex is halved before it is held.
 const HALVINGS: u8 = 5;
 
@@ -34,26 +37,22 @@ impl Meeting {
     pub fn hold(&mut self, bodies: &mut [&mut [Point3<f64>]]) -> Vec<Vec<u32>> {
         let mut is_moved = self.set_end(bodies);
         let (mut found, mut halvings): (Vec<Crossing>, Vec<u8>) = Default::default();
-        let (mut round, mut open) = (0, 0);
-        loop {
-            let known = found.len();
-            found.extend(self.crossings());
+        let mut round = 0;
+        let open = loop {
+            let now = self.crossings();
+            let (open, known) = (now.len(), found.len());
+            found.extend(now);
             found.sort_unstable_by_key(Crossing::key);
             found.dedup_by_key(|crossing| crossing.key());
-            if found.len() == known {
-                break;
+            if found.len() == known || round >= ALL_ROUNDS {
+                break open;
             }
-            loop {
-                let (is_done, stuck) = self.put_back(&found, round < ROUNDS, &mut halvings);
-                (round, open) = (round + 1, stuck);
-                if !is_done {
-                    break;
-                }
-                is_moved = true;
+            while round < ALL_ROUNDS && self.put_back(&found, round < ROUNDS, &mut halvings) {
+                (round, is_moved) = (round + 1, true);
             }
             self.note_step();
-        }
-        self.certificate.open += open;
+        };
+        self.certificate.open += open as u64;
         self.certificate.held += halvings.iter().filter(|h| **h > HALVINGS).count() as u64;
         if !is_moved {
             return vec![Vec::new(); bodies.len()];
@@ -70,22 +69,22 @@ impl Meeting {
     }
 
     /// Puts the pairs that are not in order back into it, in turn: by motion `along` their normals, or
-    /// towards the start. Returns whether a vertex moved, and the number of pairs whose vertices could
-    /// not move.
-    fn put_back(&mut self, found: &[Crossing], along: bool, halvings: &mut Vec<u8>) -> (bool, u64) {
-        let (mut is_moved, mut stuck) = (false, 0);
+    /// towards the start. Returns true if a vertex moved.
+    fn put_back(&mut self, found: &[Crossing], along: bool, halvings: &mut Vec<u8>) -> bool {
+        let mut is_moved = false;
         for crossing in found {
             if crossing.is_in_order(&self.start, &self.end, self.kept) {
                 continue;
             }
-            let done = match crossing.plane.filter(|_| along) {
-                Some(plane) => crossing.part(plane, self),
-                None => self.go_back(&crossing.corners, halvings),
-            };
+            let back = !along || crossing.plane.is_none();
+            let mut done = back && self.go_back(&crossing.corners, halvings);
+            // Going back does not help against vertices that bones move.
+            if let Some(plane) = crossing.plane.filter(|_| !done) {
+                done = crossing.part(plane, self);
+            }
             is_moved |= done;
-            stuck += u64::from(!done);
         }
-        (is_moved, stuck)
+        is_moved
     }
 
     /// Shortens motion by which a vertex leaves its surroundings. Returns true if there was any.
