@@ -29,6 +29,17 @@ pub struct Untangled {
     pub vertices: usize,
 }
 
+/// A removal that moves a vertex farther than this many times the overlap with the contact thickness
+/// does not end.
+const FAR: f64 = 5.0;
+
+impl Untangled {
+    /// The distance beyond which a removal does not end [m].
+    pub(crate) fn farthest(&self, thickness: f64) -> f64 {
+        FAR * (self.overlap + thickness)
+    }
+}
+
 /// Moves the vertices of `mesh` out of the obstacles to `thickness` [m] while its edges and angles
 /// relax, so that the start has no overlap. Returns the measures. A mesh without overlap is
 /// unchanged.
@@ -85,7 +96,14 @@ pub(crate) fn push_out(
     let mut particles = Particles::at_rest(mesh.vertices.clone(), vec![1.0; mesh.vertices.len()]);
     let mut contacts = Contacts::new(mesh, &particles, placed, obstacles.to_vec(), thickness, 0.0);
     let mut shape = Shape::new(mesh);
+    let moved = |(a, b): (&nalgebra::Point3<f64>, &nalgebra::Point3<f64>)| (a - b).norm();
+    let farthest =
+        |x: &[nalgebra::Point3<f64>]| max_or_nan(x.iter().zip(&before.vertices).map(moved));
+    let most = report.farthest(thickness);
     for _ in 0..ROUNDS {
+        if !(farthest(&particles.position) <= most) {
+            break;
+        }
         contacts.begin_step(&particles.position);
         shape.relax(&mut particles);
         contacts.project(placed, &mut particles);
@@ -93,13 +111,15 @@ pub(crate) fn push_out(
     }
     // Contact comes last.
     for _ in 0..ROUNDS {
+        if !(farthest(&particles.position) <= most) {
+            break;
+        }
         contacts.begin_step(&particles.position);
         contacts.project(placed, &mut particles);
         contacts.end_step(placed, &mut particles, 1.0);
     }
     mesh.vertices = particles.position;
-    let moved = |(a, b): (&nalgebra::Point3<f64>, &nalgebra::Point3<f64>)| (a - b).norm();
-    report.moved = max_or_nan(mesh.vertices.iter().zip(&before.vertices).map(moved));
+    report.moved = farthest(&mesh.vertices);
     report.volume_change = mesh.volume() / before.volume() - 1.0;
     report
 }

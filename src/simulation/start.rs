@@ -120,7 +120,8 @@ impl Start {
 type Bone = (String, Arc<Surface>, Isometry3<f64>);
 
 /// The shape at rest: that of the plan, or as read without its overlap with bones. A muscle that
-/// crosses a bone is as read: it is parted from it later, when the side on which it lies is known.
+/// then still crosses a bone went to a wrong side of it, and one that moved far does not come to
+/// rest: such a muscle is as read, and parted from the bone later, when its side is known.
 fn at_rest(
     scene: &Scene,
     assets: &Assets,
@@ -133,19 +134,20 @@ fn at_rest(
     if let Some(mesh) = &plan.rest {
         return (assets.ready.rest(mesh), Untangled::default());
     }
+    let Some(contact) = scene.effects.contact.filter(|_| !plan.obstacles.is_empty()) else {
+        return (read, Untangled::default());
+    };
+    let clear = assets
+        .ready
+        .clear(&read, placed, &plan.obstacles, contact.thickness);
     // Capsules have no triangles that could be crossed.
     let is_bone = |o: &usize| *o < scene.bones.len();
-    match scene.effects.contact {
-        Some(_) if plan.obstacles.iter().all(is_bone) && crosses(&read, bones) => {
-            (read, Untangled::default())
-        }
-        Some(contact) if !plan.obstacles.is_empty() => {
-            let (obstacles, thickness) = (&plan.obstacles, contact.thickness);
-            let clear = assets.ready.clear(&read, placed, obstacles, thickness);
-            (clear.rest.clone(), clear.done)
-        }
-        _ => (read, Untangled::default()),
+    let is_parted =
+        clear.done.moved <= clear.done.farthest(contact.thickness) && !crosses(&clear.rest, bones);
+    if !is_parted && plan.obstacles.iter().all(is_bone) && read.topology().is_closed() {
+        return (read, Untangled::default());
     }
+    (clear.rest.clone(), clear.done)
 }
 
 /// True if a closed muscle crosses a bone, or one is inside the other.
