@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 use super::assets::Assets;
@@ -11,7 +10,7 @@ use super::body::attach;
 use super::fault::{Fault, LoadError};
 use super::plan::{MusclePlan, Plan};
 use super::ready::{Among, Rest};
-use crate::contact::apart::{Gaps, PartedPair, RigidBody, SoftBody, overlaps};
+use crate::contact::apart::{Gaps, PartedPair};
 use crate::contact::untangle::Untangled;
 use crate::contact::{PosedObstacle, Surface};
 use crate::scene::Scene;
@@ -46,7 +45,7 @@ impl Start {
             let read = assets.ready.rest(&asset.mesh);
             attached.push(attach(scene, m, &read, assets, placed)?);
         }
-        let bones: Vec<Bone> = surfaces
+        let bones: Vec<_> = surfaces
             .iter()
             .cloned()
             .zip(placed)
@@ -55,7 +54,7 @@ impl Start {
             .collect();
         let rests = assets.muscles.par_iter().zip(&plan.muscles);
         let mut muscles: Vec<(Arc<Rest>, Untangled)> = rests
-            .map(|(asset, plan)| at_rest(scene, assets, plan, placed, &asset.mesh, &bones))
+            .map(|(asset, plan)| at_rest(scene, assets, plan, placed, &asset.mesh))
             .collect();
         let given = plan.muscles.iter().any(|muscle| muscle.rest.is_some());
         let Some(contact) = scene.effects.contact.filter(|_| !given) else {
@@ -116,19 +115,15 @@ impl Start {
     }
 }
 
-/// Name, surface and pose of a bone.
-type Bone = (String, Arc<Surface>, Isometry3<f64>);
-
-/// The shape at rest: that of the plan, or as read without its overlap with bones. A muscle that
-/// then still crosses a bone went to a wrong side of it, and one that moved far does not come to
-/// rest: such a muscle is as read, and parted from the bone later, when its side is known.
+/// The shape at rest: that of the plan, or as read without its overlap with bones. If the removal
+/// moves a vertex far, it does not come to rest: such a muscle is as read, and parted from the bones
+/// later, when its side of each is known.
 fn at_rest(
     scene: &Scene,
     assets: &Assets,
     plan: &MusclePlan,
     placed: &[PosedObstacle],
     read: &crate::mesh::TriangleMesh,
-    bones: &[Bone],
 ) -> (Arc<Rest>, Untangled) {
     let read = assets.ready.rest(read);
     if let Some(mesh) = &plan.rest {
@@ -142,30 +137,9 @@ fn at_rest(
         .clear(&read, placed, &plan.obstacles, contact.thickness);
     // Capsules have no triangles that could be crossed.
     let is_bone = |o: &usize| *o < scene.bones.len();
-    let is_parted =
-        clear.done.moved <= clear.done.farthest(contact.thickness) && !crosses(&clear.rest, bones);
+    let is_parted = clear.done.moved <= clear.done.farthest(contact.thickness);
     if !is_parted && plan.obstacles.iter().all(is_bone) && read.topology().is_closed() {
         return (read, Untangled::default());
     }
     (clear.rest.clone(), clear.done)
-}
-
-/// True if a closed muscle crosses a bone, or one is inside the other.
-fn crosses(muscle: &Rest, bones: &[Bone]) -> bool {
-    let soft = SoftBody {
-        name: "",
-        mesh: &muscle.mesh,
-        surface: &muscle.surface(),
-        held: Vec::new(),
-        fixed: true,
-    };
-    let rigid: Vec<RigidBody<'_>> = bones
-        .iter()
-        .map(|(name, surface, pose)| RigidBody {
-            name,
-            surface,
-            pose: *pose,
-        })
-        .collect();
-    muscle.topology().is_closed() && !overlaps(&[soft], &rigid).is_empty()
 }
