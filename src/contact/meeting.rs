@@ -40,8 +40,7 @@ use rows::Row;
 /// median edge: shorter lists are made more often, longer ones take longer.
 const MARGIN: f64 = 0.3;
 
-/// A frame is divided where this many steps have passed since the motion of patches was measured,
-/// and between them it is summed.
+/// Number of steps over which the motion of patches is summed before it is measured again.
 const SUMMED: usize = 8;
 
 /// Relative motion that wakes up two patches, relative to the median edge.
@@ -120,7 +119,7 @@ struct Bone {
     /// Index among the obstacles.
     obstacle: usize,
     surface: Arc<Surface>,
-    /// Poses when the frame began, and at the start and the end of the step.
+    /// Poses at the reference, and at the start and the end of the step.
     reference: Isometry3<f64>,
     before: Isometry3<f64>,
     now: Isometry3<f64>,
@@ -134,11 +133,11 @@ struct Patch {
     vertices: Vec<u32>,
     /// Its box in the frame of its bone, if it is rigid.
     bounds: Aabb,
-    /// Motion from the beginning of the frame to the start of the step, and in the step.
+    /// Motion from the reference to the start of the step, and in the step.
     start: Motion,
     step: Motion,
-    /// Bound on the motion from the last search for near patches to the beginning of the frame, and
-    /// the motion for which that search holds [m].
+    /// Bound on the motion from the last search for near patches to the reference, and the motion for
+    /// which that search holds [m].
     used: f64,
     limit: f64,
     /// True if a bucket has it.
@@ -170,7 +169,7 @@ pub struct Meeting {
     start: Vec<Point3<f64>>,
     end: Vec<Point3<f64>>,
     mass: Vec<f64>,
-    /// Positions of soft vertices when the frame began [m].
+    /// Positions of soft vertices from which motion is measured [m].
     reference: Vec<Point3<f64>>,
     rows: Vec<Row>,
     /// Distance to other soft surfaces, to bones and to itself that each soft vertex had at rest, at

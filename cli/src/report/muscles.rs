@@ -126,6 +126,7 @@ pub(super) fn output(
     let uncounted = (!has_contact && crossings > 0).then(|| {
         format!("without [effects.contact], {crossings} pairs of triangles cross in a frame")
     });
+    verdicts.push(certified(&simulation.certificate()));
     verdicts.extend(simulation.parted.iter().flat_map(start_verdicts));
     let cuts = simulation.bodies.iter().filter_map(cut);
     let plot = |plot| Plot { file: None, plot };
@@ -164,6 +165,16 @@ pub(super) fn output(
         data: record.into_data().into(),
         ..RunOutput::default()
     }
+}
+
+/// Whether every near pair was kept in order in every step. The audit looks at some frames only.
+fn certified(counts: &Certificate) -> Verdict {
+    Verdict::none(
+        "pairs that were not kept in order, over all steps",
+        counts.open as usize,
+    )
+    .at("all surfaces")
+    .else_do("use more substeps, or less motion of bones that close on a muscle")
 }
 
 /// The counts that certify that nothing crossed.
@@ -398,4 +409,19 @@ fn returns(simulation: &Simulation) -> bool {
         apart.translation.vector.norm() < 1e-9 && apart.rotation.angle() < 1e-9
     };
     moves && bones.clone().all(near)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pair_out_of_order_fails_the_certificate() {
+        let kept = Certificate::default();
+        assert!(certified(&kept).passed);
+        assert!(
+            !certified(&Certificate { open: 1, ..kept }).passed,
+            "control"
+        );
+    }
 }

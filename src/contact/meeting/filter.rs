@@ -156,7 +156,7 @@ impl Meeting {
             if !(self.mass[v] > 0.0) || self.end[v] == self.start[v] {
                 continue;
             }
-            halvings[v] += 1;
+            halvings[v] = halvings[v].saturating_add(1);
             self.end[v] = if halvings[v] > HALVINGS {
                 self.start[v]
             } else {

@@ -2,8 +2,7 @@
 //!
 //! What moves with its surroundings stays in its lists: a list holds for a motion of two patches
 //! relative to each other. Relative motion is the difference of the mean motions and of what each
-//! patch departs from its own. It is summed over frames, and counted from the beginning of a frame
-//! within it.
+//! patch departs from its own. It is measured from positions of reference, and summed when they change.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -62,7 +61,7 @@ pub(super) struct Bucket {
     pub pairs: Vec<Pair>,
     /// Pairs that are not listed were at least this far apart [m].
     pub reach: f64,
-    /// Bound on the relative motion from the list to the beginning of the frame [m].
+    /// Bound on the relative motion from the list to the reference [m].
     used: f64,
 }
 
@@ -94,8 +93,8 @@ impl Bucket {
 }
 
 impl Meeting {
-    /// Notes the motion of all patches to the start of the step, and that of bones in the step. A step
-    /// that goes on where the last one ended adds its motion.
+    /// Notes the motion of all patches to the start of the step, and that of bones in the step. If
+    /// the positions are those at the end of the last step, its motion is summed.
     pub(super) fn note_start(&mut self, goes_on: bool) {
         let turns: Vec<Option<[Turn; 2]>> = (self.members.iter())
             .map(|member| {
