@@ -56,6 +56,10 @@ const OWN: f64 = 0.25;
 /// Share of the gap at the start that a step leaves at least.
 const KEPT: f64 = 0.1;
 
+/// Gap that does not shrink further, relative to the thickness: far above rounding, and far below
+/// what can be seen.
+const FLOOR: f64 = 1e-4;
+
 /// Which surfaces meet, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeetingSettings {
@@ -171,6 +175,8 @@ pub struct Meeting {
     mass: Vec<f64>,
     /// Positions of soft vertices from which motion is measured [m].
     reference: Vec<Point3<f64>>,
+    /// The motion of each obstacle in the step.
+    moved: Vec<Isometry3<f64>>,
     rows: Vec<Row>,
     /// Distance to other soft surfaces, to bones and to itself that each soft vertex had at rest, at
     /// most the one to be kept [m].
@@ -181,6 +187,8 @@ pub struct Meeting {
     edge: f64,
     /// Share of a gap that a step leaves at least.
     kept: f64,
+    /// Gap that does not shrink further [m].
+    floor: f64,
     /// Relative motion for which lists hold beyond the present one [m].
     margin: f64,
     certificate: Certificate,
@@ -274,6 +282,7 @@ impl Meeting {
             end: start.clone(),
             reference: start[..soft_count].to_vec(),
             mass,
+            moved: Vec::new(),
             rows: Vec::new(),
             at_rest: [
                 vec![settings.thickness; soft_count],
@@ -283,6 +292,7 @@ impl Meeting {
             own_distance,
             edge,
             kept: KEPT,
+            floor: FLOOR * settings.thickness,
             margin: MARGIN * edge,
             certificate: Certificate::default(),
             members,
@@ -332,6 +342,9 @@ impl Meeting {
             goes_on &= bone.now == *before;
             (bone.before, bone.now) = (*before, *now);
         }
+        self.moved.clear();
+        let moved = placed.iter().map(|p| p.now * p.before.inverse());
+        self.moved.extend(moved);
         for k in 0..self.active.len() {
             self.place(self.active[k]);
         }

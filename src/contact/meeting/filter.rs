@@ -1,8 +1,8 @@
 //! The guarantee: motion is taken back until every pair is in order along its normal.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::super::gap::{Parts, ROUNDING, gap, height};
+use super::super::gap::{Parts, ROUNDING, gap, height, largest, max2};
 use super::super::patches::{Motion, Turn};
 use super::lists::AHEAD;
 use super::{Key, Meeting};
@@ -18,6 +18,16 @@ const ALL_ROUNDS: usize = 200;
 /// Number of times that the motion of a vertex is halved before it is held.
 const HALVINGS: u8 = 5;
 
+/// Share of the least gap that a step keeps: a rigid motion keeps all of it but for rounding.
+const NEARLY_ALL: f64 = 1.0 - 1e-6;
+
+/// Greatest distance of a held vertex from where the obstacle that carries it brings it, relative
+/// to the median edge.
+const CARRIED: f64 = 1e-6;
+
+/// No carrier.
+const NONE: u32 = u32::MAX;
+
 /// Greatest motion of a vertex in a step, relative to the mean of its surface and to the median
 /// edge, besides that of bones: lists of pairs that move more are long.
 const STRIDE: f64 = 0.5;
@@ -31,15 +41,25 @@ struct Crossing {
     plane: Option<(Vector3<f64>, f64)>,
 }
 
+/// What is known of vertices that go back.
+#[derive(Default)]
+struct Back {
+    /// Number of times that the motion of each soft vertex was halved.
+    halvings: Vec<u8>,
+    /// The obstacle that carries each soft vertex; [`NONE`] if it goes back to the start.
+    carriers: Vec<u32>,
+}
+
 impl Meeting {
     /// Takes back motion of the given positions [m] of each soft surface until no pair crosses.
     /// Returns the numbers of changed vertices, ascending, for each surface.
     pub fn hold(&mut self, bodies: &mut [&mut [Point3<f64>]]) -> Vec<Vec<u32>> {
         let mut is_moved = self.set_end(bodies);
-        let (mut found, mut halvings): (Vec<Crossing>, Vec<u8>) = Default::default();
+        let (mut found, mut back): (Vec<Crossing>, Back) = Default::default();
         let mut round = 0;
         let open = loop {
-            let now = self.crossings();
+            let mut now = self.crossings();
+            now.retain(|crossing| !crossing.is_in_order(self, &back));
             let (open, known) = (now.len(), found.len());
             found.extend(now);
             found.sort_unstable_by_key(Crossing::key);
@@ -47,13 +67,13 @@ impl Meeting {
             if found.len() == known || round >= ALL_ROUNDS {
                 break open;
             }
-            while round < ALL_ROUNDS && self.put_back(&found, round < ROUNDS, &mut halvings) {
+            while round < ALL_ROUNDS && self.put_back(&found, round < ROUNDS, &mut back) {
                 (round, is_moved) = (round + 1, true);
             }
             self.note_step();
         };
         self.certificate.open += open as u64;
-        self.certificate.held += halvings.iter().filter(|h| **h > HALVINGS).count() as u64;
+        self.certificate.held += back.halvings.iter().filter(|h| **h > HALVINGS).count() as u64;
         if !is_moved {
             return vec![Vec::new(); bodies.len()];
         }
@@ -69,15 +89,15 @@ impl Meeting {
     }
 
     /// Puts the pairs that are not in order back into it, in turn: by motion `along` their normals, or
-    /// towards the start. Returns true if a vertex moved.
-    fn put_back(&mut self, found: &[Crossing], along: bool, halvings: &mut Vec<u8>) -> bool {
+    /// back towards the start. Returns true if a vertex moved.
+    fn put_back(&mut self, found: &[Crossing], along: bool, back: &mut Back) -> bool {
         let mut is_moved = false;
         for crossing in found {
-            if crossing.is_in_order(&self.start, &self.end, self.kept) {
+            if crossing.is_in_order(self, back) {
                 continue;
             }
-            let back = !along || crossing.plane.is_none();
-            let mut done = back && self.go_back(&crossing.corners, halvings);
+            let goes_back = !along || crossing.plane.is_none();
+            let mut done = goes_back && self.go_back(&crossing.corners, back);
             // Going back does not help against vertices that bones move.
             if let Some(plane) = crossing.plane.filter(|_| !done) {
                 done = crossing.part(plane, self);
@@ -122,12 +142,17 @@ impl Meeting {
         is_moved
     }
 
-    /// The pairs that are not in order at the end of the step.
+    /// The gap that a pair keeps at least that has `gap` at the start [m].
+    fn least(&self, gap: f64) -> f64 {
+        least(self.kept, self.floor, gap)
+    }
+
+    /// The pairs that are not in order at the end of the step, seen from the world.
     fn crossings(&mut self) -> Vec<Crossing> {
-        let kept = self.kept;
+        let (kept, floor) = (self.kept, self.floor);
         self.look(|bucket, moved, [start, end], found| {
             // A pair with this gap stays in order, whatever its normal is.
-            let safe = moved.step / (0.999 - kept);
+            let safe = max2(moved.step / (0.999 - kept), floor / kept);
             for pair in bucket.nearer(AHEAD * moved.step, moved.before) {
                 if pair.at_least(start) >= safe {
                     continue;
@@ -135,37 +160,79 @@ impl Meeting {
                 let gap = gap(pair.parts, &pair.of(start));
                 if let Some(gap) = gap {
                     pair.normal = gap.normal;
+                    if height(pair.parts, &pair.of(end), &gap.normal)
+                        >= least(kept, floor, gap.height)
+                    {
+                        continue;
+                    }
                 }
-                let crossing = Crossing {
+                found.push(Crossing {
                     parts: pair.parts,
                     corners: pair.corners,
                     plane: gap.map(|gap| (gap.normal, gap.height)),
-                };
-                if !crossing.is_in_order(start, end, kept) {
-                    found.push(crossing);
-                }
+                });
             }
         })
     }
 
-    /// Moves the free vertices of a pair back towards the start. Returns false if all are there.
-    fn go_back(&mut self, corners: &[u32; 4], halvings: &mut Vec<u8>) -> bool {
-        halvings.resize(self.soft_count, 0);
+    /// Moves the free vertices of a pair back: towards the start, or, near a bone that moves, towards
+    /// where its motion carries them. Returns false if all are there.
+    fn go_back(&mut self, corners: &[u32; 4], back: &mut Back) -> bool {
+        back.halvings.resize(self.soft_count, 0);
+        back.carriers.resize(self.soft_count, NONE);
+        // The pair is carried as a whole.
+        let carrier = corners.iter().map(|&v| self.carrier(v, back)).min();
+        let carrier = carrier.filter(|c| *c != NONE);
         let mut is_moved = false;
         for v in corners.map(|v| v as usize) {
-            if !(self.mass[v] > 0.0) || self.end[v] == self.start[v] {
+            if !(self.mass[v] > 0.0) {
                 continue;
             }
-            halvings[v] = halvings[v].saturating_add(1);
-            self.end[v] = if halvings[v] > HALVINGS {
-                self.start[v]
+            if let Some(carrier) = carrier.filter(|_| back.carriers[v] == NONE) {
+                (back.carriers[v], back.halvings[v]) = (carrier, 0);
+            }
+            let home = match back.carriers[v] {
+                NONE => self.start[v],
+                carrier => self.moved[carrier as usize] * self.start[v],
+            };
+            if self.end[v] == home {
+                continue;
+            }
+            back.halvings[v] = back.halvings[v].saturating_add(1);
+            self.end[v] = if back.halvings[v] > HALVINGS {
+                home
             } else {
-                self.start[v] + (self.end[v] - self.start[v]) * 0.5
+                home + (self.end[v] - home) * 0.5
             };
             is_moved = true;
         }
         is_moved
     }
+
+    /// The obstacle that carries a vertex: that of a bone, that which holds a fixed one, or that to
+    /// which a free one goes back. [`NONE`] without one.
+    fn carrier(&self, vertex: u32, back: &Back) -> u32 {
+        let v = vertex as usize;
+        if v >= self.soft_count {
+            let member = self.members.partition_point(|m| m.first <= v) - 1;
+            let bone = self.members[member].bone.as_ref();
+            return bone.map_or(NONE, |bone| bone.obstacle as u32);
+        }
+        if self.mass[v] > 0.0 {
+            return back.carriers.get(v).copied().unwrap_or(NONE);
+        }
+        let departs = |moved: &Isometry3<f64>| (moved * self.start[v] - self.end[v]).norm();
+        let all = self.moved.iter().map(departs).enumerate();
+        let nearest = all.min_by(|a, b| a.1.total_cmp(&b.1));
+        nearest
+            .filter(|(_, by)| *by <= CARRIED * self.edge)
+            .map_or(NONE, |(obstacle, _)| obstacle as u32)
+    }
+}
+
+/// The gap that a pair keeps at least that has `gap` at the start [m].
+fn least(kept: f64, floor: f64, gap: f64) -> f64 {
+    max2(kept * gap, NEARLY_ALL * gap.min(floor))
 }
 
 impl Crossing {
@@ -173,13 +240,37 @@ impl Crossing {
         (self.parts, self.corners)
     }
 
-    /// True if the parts are in the order of the start at the end, with a share of their gap.
-    fn is_in_order(&self, start: &[Point3<f64>], end: &[Point3<f64>], kept: f64) -> bool {
+    /// True if the parts are in the order of the start at the end, seen from the world or from an
+    /// obstacle that carries one of them: a motion of all does not change their order.
+    fn is_in_order(&self, of: &Meeting, back: &Back) -> bool {
         let at = |x: &[Point3<f64>]| self.corners.map(|v| x[v as usize]);
+        let [start, end] = [at(&of.start), at(&of.end)];
+        if self.is_kept(&start, &end, of) {
+            return true;
+        }
+        let mut seen = [NONE; 4];
+        for (k, &v) in self.corners.iter().enumerate() {
+            let carrier = of.carrier(v, back);
+            if carrier != NONE && !seen.contains(&carrier) {
+                let to_start = of.moved[carrier as usize].inverse();
+                if self.is_kept(&start, &end.map(|x| to_start * x), of) {
+                    return true;
+                }
+            }
+            seen[k] = carrier;
+        }
+        false
+    }
+
+    /// True if the parts have a share of their gap at the end.
+    fn is_kept(&self, start: &[Point3<f64>; 4], end: &[Point3<f64>; 4], of: &Meeting) -> bool {
         match &self.plane {
-            Some((normal, gap)) => height(self.parts, &at(end), normal) >= kept * gap,
+            Some((normal, gap)) => height(self.parts, end, normal) >= of.least(*gap),
             // Without a certificate the pair may only stay as it is.
-            None => at(end) == at(start),
+            None => {
+                let most = ROUNDING * largest(start);
+                start.iter().zip(end).all(|(a, b)| (a - b).norm() <= most)
+            }
         }
     }
 
@@ -209,7 +300,7 @@ impl Crossing {
         }
         let [top, top_fixed] = [-top, -top_fixed];
         // Twice the share that must be kept, so that rounds end.
-        let gap = 2.0 * of.kept * planned;
+        let gap = (2.0 * of.kept * planned).max(planned.min(of.floor));
         let middle = 0.5 * (low + top);
         // The plane gives way to vertices that cannot move.
         let (mut floor, mut ceiling) = (middle + 0.5 * gap, middle - 0.5 * gap);

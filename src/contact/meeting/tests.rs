@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::*;
+use crate::contact::capsule::Capsule;
 use crate::mesh::predicates::intersect;
 use crate::mesh::shapes::icosphere;
 use crate::testing::Draw;
@@ -133,7 +134,9 @@ fn no_motion_crosses_and_each_part_of_the_guarantee_is_needed() {
             .for_each(|p| p.limit = f64::INFINITY);
     });
     assert!(once > 0, "control: lists must be made anew");
-    let beyond = driven(40, usual, |meeting| meeting.kept = -0.05);
+    let beyond = driven(40, usual, |meeting| {
+        (meeting.kept, meeting.floor) = (-0.05, -1.0);
+    });
     assert!(beyond > 0, "control: a vertex must not go beyond its plane");
 }
 
@@ -174,6 +177,58 @@ fn a_held_surface_is_not_moved_and_not_crossed() {
     let counts = meeting.take_certificate();
     assert_eq!(counts.open, 0);
     assert!(counts.pairs > 0);
+}
+
+/// Turns a held ball and a free one, 0.2 um apart, by 0.1 rad about the middle. Returns how many
+/// vertices the guarantee moved, and how many pairs stayed open.
+fn turned(spoil: impl Fn(&mut Meeting)) -> (usize, u64) {
+    let mut balls = two_balls();
+    balls[1]
+        .vertices
+        .iter_mut()
+        .for_each(|x| x.x = 0.2000002 + (x.x - 0.202));
+    let mass = [
+        vec![1.0; balls[0].vertices.len()],
+        vec![0.0; balls[1].vertices.len()],
+    ];
+    let mut meeting = met(&balls, &mass);
+    let turn = Isometry3::rotation_wrt_point(
+        nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.1, 0.05),
+        Point3::new(0.1, 0.2, 0.0),
+    );
+    let placed = PosedObstacle {
+        name: "bone".into(),
+        obstacle: Arc::new(Capsule {
+            ends: [Point3::origin(); 2],
+            radius: 0.1,
+        }),
+        before: Isometry3::identity(),
+        now: turn,
+    };
+    let starts: Vec<Vec<Point3<f64>>> = balls.iter().map(|ball| ball.vertices.clone()).collect();
+    let starts: Vec<&[Point3<f64>]> = starts.iter().map(Vec::as_slice).collect();
+    meeting.begin_step(&starts, &[placed]);
+    spoil(&mut meeting);
+    for ball in &mut balls {
+        ball.vertices.iter_mut().for_each(|x| *x = turn * *x);
+    }
+    let [one, other] = &mut balls;
+    let changed = meeting.hold(&mut [&mut one.vertices, &mut other.vertices]);
+    assert_eq!(crossings(&balls), 0);
+    (
+        changed.iter().map(Vec::len).sum(),
+        meeting.take_certificate().open,
+    )
+}
+
+#[test]
+fn what_a_bone_turns_stays_as_it_is() {
+    assert_eq!(turned(|_| ()), (0, 0));
+    let (changed, _) = turned(|meeting| meeting.moved.clear());
+    assert!(
+        changed > 0,
+        "control: seen from the world alone, pairs are not in order"
+    );
 }
 
 #[test]
