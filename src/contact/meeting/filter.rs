@@ -153,25 +153,30 @@ impl Meeting {
         self.look(|bucket, moved, [start, end], found| {
             // A pair with this gap stays in order, whatever its normal is.
             let safe = max2(moved.step / (0.999 - kept), floor / kept);
-            for pair in bucket.nearer(AHEAD * moved.step, moved.before) {
-                if pair.at_least(start) >= safe {
-                    continue;
-                }
-                let gap = gap(pair.parts, &pair.of(start));
-                if let Some(gap) = gap {
-                    pair.normal = gap.normal;
-                    if height(pair.parts, &pair.of(end), &gap.normal)
-                        >= least(kept, floor, gap.height)
-                    {
-                        continue;
+            bucket.nearer(
+                (max2(AHEAD * moved.step, safe), false),
+                moved,
+                start,
+                |pair, known| {
+                    if known >= safe {
+                        return known;
                     }
-                }
-                found.push(Crossing {
-                    parts: pair.parts,
-                    corners: pair.corners,
-                    plane: gap.map(|gap| (gap.normal, gap.height)),
-                });
-            }
+                    let gap = gap(pair.parts, &pair.of(start));
+                    if let Some(gap) = gap {
+                        pair.normal = gap.normal;
+                        let end = height(pair.parts, &pair.of(end), &gap.normal);
+                        if end >= least(kept, floor, gap.height) {
+                            return 0.999 * gap.height;
+                        }
+                    }
+                    found.push(Crossing {
+                        parts: pair.parts,
+                        corners: pair.corners,
+                        plane: gap.map(|gap| (gap.normal, gap.height)),
+                    });
+                    known
+                },
+            );
         })
     }
 

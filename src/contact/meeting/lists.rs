@@ -32,7 +32,8 @@ pub(super) struct Pair {
     pub parts: Parts,
     /// A normal that separated the parts when it was last looked for; zero if none did.
     pub normal: Vector3<f64>,
-    /// Gap when the list was made [m]; 0 for parts that touched.
+    /// Gap when the list was made, or what is known of it since [m]: the gap is at least this less the
+    /// relative motion from the list.
     pub listed: f64,
     /// Distance to be kept [m]; 0 for a pair that is certified and not pushed.
     pub distance: f64,
@@ -48,6 +49,15 @@ impl Pair {
         0.999 * height(self.parts, &self.of(x), &self.normal)
     }
 
+    /// What is known of the gap [m], as it is and beyond the distance to be kept.
+    fn known(&self) -> [f64; 2] {
+        let beyond = match self.distance > 0.0 {
+            true => self.listed - WIDE * self.distance,
+            false => f64::INFINITY,
+        };
+        [self.listed, beyond]
+    }
+
     pub fn of(&self, x: &[Point3<f64>]) -> [Point3<f64>; 4] {
         self.corners.map(|v| x[v as usize])
     }
@@ -57,12 +67,15 @@ impl Pair {
 pub(super) struct Bucket {
     patches: [u32; 2],
     against: Against,
-    /// The near pairs, the nearest first.
     pub pairs: Vec<Pair>,
+    /// The least of what is known of their gaps [m], as they are and beyond the distances to be kept.
+    nearest: [f64; 2],
     /// Pairs that are not listed were at least this far apart [m].
     pub reach: f64,
     /// Bound on the relative motion from the list to the reference [m].
     used: f64,
+    /// True if the list was made just now.
+    is_new: bool,
 }
 
 /// Relative motion of two patches since the list was made, to the start of the step, and in the
@@ -82,14 +95,36 @@ impl Bucket {
         }
     }
 
-    /// The pairs that can have been nearer than `distance` [m] after a relative motion `moved` [m].
-    pub fn nearer(&mut self, distance: f64, moved: f64) -> &mut [Pair] {
-        // Not `>`: a motion that is not a number looks at all pairs.
-        let count = self
-            .pairs
-            .partition_point(|pair| !(pair.listed > distance + moved));
-        &mut self.pairs[..count]
+    /// Looks at the pairs that can be nearer than `distance` [m], `beyond` the distance that they keep
+    /// or not, at the start of the step, after the motion `moved`. `look` gets a pair and a gap that it
+    /// has at least there, and returns its gap or what is known of it [m].
+    pub fn nearer(
+        &mut self,
+        (distance, beyond): (f64, bool),
+        moved: Moved,
+        start: &[Point3<f64>],
+        mut look: impl FnMut(&mut Pair, f64) -> f64,
+    ) {
+        let most = distance + moved.before;
+        if self.nearest[usize::from(beyond)] > most {
+            return;
+        }
+        // What is known now holds for the motion from the reference on, forth and back.
+        let known = self.used - (moved.before - self.used);
+        self.nearest = [f64::INFINITY; 2];
+        for pair in &mut self.pairs {
+            // Not `<=`: a motion that is not a number looks at all pairs.
+            if !(pair.known()[usize::from(beyond)] > most) {
+                let least = pair.at_least(start);
+                pair.listed = pair.listed.max(look(pair, least) + known);
+            }
+            self.nearest = least_of(self.nearest, pair.known());
+        }
     }
+}
+
+fn least_of(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+    [a[0].min(b[0]), a[1].min(b[1])]
 }
 
 impl Meeting {
@@ -138,6 +173,7 @@ impl Meeting {
         }
         self.reference
             .copy_from_slice(&self.start[..self.soft_count]);
+        self.extend_lists();
         self.wake_up();
     }
 
@@ -146,17 +182,47 @@ impl Meeting {
         let mut awake = 0;
         for k in 0..self.buckets.len() {
             let bucket = &self.buckets[k];
-            let first = bucket
-                .pairs
-                .first()
-                .map_or(bucket.reach, |pair| pair.listed);
-            let kept = WIDE * self.keeps(bucket.against);
-            if !(first.min(bucket.reach) - bucket.used - kept > self.wake) {
+            if self.is_near(bucket) || self.is_short(bucket) {
                 self.buckets.swap(k, awake);
                 awake += 1;
             }
         }
         self.awake = awake;
+    }
+
+    /// True if little motion can bring listed pairs near.
+    fn is_near(&self, bucket: &Bucket) -> bool {
+        !(bucket
+            .nearest
+            .iter()
+            .all(|gap| gap - bucket.used > self.wake))
+    }
+
+    /// True if little motion can bring pairs near that are not listed.
+    fn is_short(&self, bucket: &Bucket) -> bool {
+        !(bucket.reach - bucket.used - WIDE * self.keeps(bucket.against) > self.wake)
+    }
+
+    /// Makes the lists anew of buckets that nothing but the end of their reach would wake up.
+    fn extend_lists(&mut self) {
+        let mut buckets = std::mem::take(&mut self.buckets);
+        buckets.par_chunks_mut(CHUNK).for_each(|buckets| {
+            for bucket in buckets {
+                if self.is_short(bucket) && !self.is_near(bucket) {
+                    let step = bucket.moved(&self.patches).step;
+                    self.list(bucket, step);
+                    bucket.is_new = true;
+                }
+            }
+        });
+        for bucket in &mut buckets {
+            if std::mem::take(&mut bucket.is_new) {
+                for pair in &bucket.pairs {
+                    self.activate(&pair.corners);
+                }
+            }
+        }
+        self.buckets = buckets;
     }
 
     /// The distance that two surfaces keep [m].
@@ -313,7 +379,9 @@ impl Meeting {
                 } else {
                     apart(&boxes[a as usize], &boxes[b as usize])
                 },
+                nearest: [f64::INFINITY; 2],
                 used: one.start.relative(&other.start),
+                is_new: false,
             });
             self.buckets.push(bucket);
             for p in patches {
@@ -356,11 +424,8 @@ impl Meeting {
                 });
             }
         }
-        bucket.pairs.sort_unstable_by(|a, b| {
-            a.listed
-                .total_cmp(&b.listed)
-                .then_with(|| a.key().cmp(&b.key()))
-        });
+        let known = bucket.pairs.iter().map(Pair::known);
+        bucket.nearest = known.fold([f64::INFINITY; 2], least_of);
     }
 
     /// The triangles of a patch at the start of the step.
@@ -420,14 +485,15 @@ impl Meeting {
     /// Notes the least gap at the end of a frame.
     pub fn note_gaps(&mut self) {
         let most = self.settings.thickness;
-        let found = self.look(|bucket, moved, [_, end], found| {
+        let found = self.look(|bucket, moved, [start, end], found| {
             let mut least = most;
-            for pair in bucket.nearer(most, moved.before + moved.step) {
+            bucket.nearer((most + moved.step, false), moved, start, |pair, known| {
                 if !(pair.at_least(end) >= least) {
                     let gap = gap(pair.parts, &pair.of(end));
                     least = least.min(gap.map_or(0.0, |gap| gap.height));
                 }
-            }
+                known
+            });
             found.extend((least < most).then_some(least));
         });
         let least = &mut self.certificate.least_gap;

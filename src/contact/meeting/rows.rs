@@ -48,25 +48,26 @@ impl Meeting {
     /// Looks at every pair that comes nearer than its distance. Its closest points are those at the
     /// start of the step, where no pair crosses, so that the normal cannot point the wrong way.
     fn find_rows(&mut self) {
-        let thickness = self.settings.thickness;
         let mut found = self.look(|bucket, moved, [start, end], found| {
-            for pair in bucket.nearer(WIDE * thickness + AHEAD * moved.step, moved.before) {
+            bucket.nearer((AHEAD * moved.step, true), moved, start, |pair, least| {
                 let distance = pair.distance;
-                if !(distance > 0.0) || pair.at_least(start) >= distance + moved.step {
-                    continue;
+                if least >= distance + moved.step {
+                    return least;
                 }
-                if let Some(gap) = gap(pair.parts, &pair.of(start)) {
-                    pair.normal = gap.normal;
-                    let row = Row::new(pair, &gap);
-                    let is_near = gap.height < distance;
-                    // A vertex at the end of an edge has a pair of its own.
-                    let is_own = pair.parts.first() == 1 || gap.inner;
-                    let is_pushed = is_own && !(row.height(end) >= distance);
-                    if is_near || is_pushed {
-                        found.push((row, is_near, is_pushed));
-                    }
+                let Some(gap) = gap(pair.parts, &pair.of(start)) else {
+                    return least;
+                };
+                pair.normal = gap.normal;
+                let row = Row::new(pair, &gap);
+                let is_near = gap.height < distance;
+                // A vertex at the end of an edge has a pair of its own.
+                let is_own = pair.parts.first() == 1 || gap.inner;
+                let is_pushed = is_own && !(row.height(end) >= distance);
+                if is_near || is_pushed {
+                    found.push((row, is_near, is_pushed));
                 }
-            }
+                0.999 * gap.height
+            });
         });
         self.certificate.pairs += found.iter().filter(|(_, is_near, _)| *is_near).count() as u64;
         let before = &self.rows;
