@@ -11,7 +11,7 @@ use super::super::gap::{Parts, gap, height, max2};
 use super::super::near_pairs::{Facet, near_pairs};
 use super::super::patches::{Motion, Turn};
 use super::super::surface::box_pairs;
-use super::{Against, FAR, Key, Meeting, Patch, SUMMED};
+use super::{Against, FAR, Meeting, Patch, SUMMED};
 use crate::mesh::measures::Aabb;
 
 /// The share by which a step may come nearer than its motion tells: a gap is at least the height of
@@ -40,10 +40,6 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    pub fn key(&self) -> Key {
-        (self.parts, self.corners)
-    }
-
     /// A height that [`gap`] gives at least, at given positions [m].
     pub fn at_least(&self, x: &[Point3<f64>]) -> f64 {
         0.999 * height(self.parts, &self.of(x), &self.normal)

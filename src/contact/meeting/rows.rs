@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::super::gap::{Gap, Parts, difference, gap};
-use super::lists::{AHEAD, Pair, WIDE};
+use super::lists::{AHEAD, Pair};
 use super::{Key, Meeting};
 
 /// Greatest number of sweeps over all rows of a step, and the greatest correction of the last sweep
