@@ -21,9 +21,11 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 
 /// Greatest number of rounds in which displacements are smoothed.
-const ROUNDS: usize = 80;
+const ROUNDS: usize = 24;
 /// Rounds between two searches for vertices on a wrong side.
-const LOOK: usize = 10;
+const LOOK: usize = 8;
+/// Among these rounds, those between two searches for folds.
+const UNFOLD: usize = 4;
 /// Greatest number of rounds in which only pushes and volumes act.
 const LAST: usize = 200;
 /// Sweeps that smooth displacements, in the first to the last quarter of the rounds: a smooth
@@ -165,7 +167,9 @@ pub fn part(
         }
         scene.activate(&seen);
         apply(&mut scene.all, &seen.pushes, SWEEPS);
-        scene.unfold();
+        if round >= ROUNDS || round % UNFOLD == 0 {
+            scene.unfold();
+        }
         match round < ROUNDS {
             true => scene.relax(&seen.pushes, SMOOTHING[SMOOTHING.len() * round / ROUNDS]),
             false => scene.keep_volumes(&seen.pushes),

@@ -16,6 +16,11 @@ const PLAIN: std::ops::Range<f64> = 1e-60..1e60;
 /// The points scaled by the power of two that brings the greatest coordinate near 1, if it is far
 /// from 1. No digit changes.
 pub fn near_one<const N: usize>(points: [Point3<f64>; N]) -> [Point3<f64>; N] {
+    let coordinates = || points.iter().flat_map(|p| p.coords.iter());
+    // The usual case, fast.
+    if coordinates().all(|c| c.abs() < PLAIN.end) && coordinates().any(|c| c.abs() >= PLAIN.start) {
+        return points;
+    }
     let greatest = max_or_nan(points.iter().flat_map(|p| p.coords.iter().map(|c| c.abs())));
     if PLAIN.contains(&greatest) || !(greatest > 0.0 && greatest.is_finite()) {
         return points;
@@ -172,12 +177,15 @@ fn opposite_side_meets(one: &[Point3<f64>; 3], k: usize, other: &[Point3<f64>; 3
 /// True if the corner `d` of the triangle beyond the side opposite corner `c` lies in the plane of
 /// `triangle`, on the same side of that edge as `c`.
 fn is_folded(triangle: &[Point3<f64>; 3], c: usize, d: &Point3<f64>) -> bool {
+    // The usual case first.
+    if side(triangle, d) != 0.0 {
+        return false;
+    }
     let Some(axis) = open_axis(triangle) else {
         return false;
     };
     let [a, b] = [[1, 2], [0, 2], [0, 1]][c].map(|k| &triangle[k]);
-    let same_side = (turn(axis, a, b, &triangle[c]) > 0.0) == (turn(axis, a, b, d) > 0.0);
-    side(triangle, d) == 0.0 && same_side
+    (turn(axis, a, b, &triangle[c]) > 0.0) == (turn(axis, a, b, d) > 0.0)
 }
 
 #[cfg(test)]
