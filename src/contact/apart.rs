@@ -20,8 +20,8 @@ use crate::contact::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 
-/// Greatest number of rounds in which displacements are smoothed.
-const ROUNDS: usize = 24;
+/// Rounds in which displacements are smoothed, of the attempts: few are enough for most muscles.
+const ROUNDS: [usize; 2] = [24, 80];
 /// Rounds between two searches for vertices on a wrong side.
 const LOOK: usize = 8;
 /// Among these rounds, those between two searches for folds.
@@ -115,6 +115,8 @@ pub struct Parted {
     pub moved: Vec<Moved>,
     /// The pairs that overlapped.
     pub pairs: Vec<PartedPair>,
+    /// Those that still cross; without one, no two surfaces do.
+    pub left: Vec<Inseparable>,
 }
 
 /// Two surfaces that cannot be parted.
@@ -142,49 +144,29 @@ pub fn overlaps(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>]) -> Vec<PartedPai
 }
 
 /// Moves muscles apart from each other and out of bones until no two triangles cross, with their
-/// volumes kept. Muscles without overlap are unchanged.
-///
-/// # Errors
-/// Two surfaces that still cross at the end.
-pub fn part(
-    soft: &[SoftBody<'_>],
-    rigid: &[RigidBody<'_>],
-    gaps: Gaps,
-) -> Result<Parted, Inseparable> {
+/// volumes kept. Muscles without overlap are unchanged. Pairs that still cross at the end are
+/// [`Parted::left`].
+pub fn part(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>], gaps: Gaps) -> Parted {
     let overlaps = overlap::find(soft, rigid);
     if overlaps.is_empty() {
-        return Ok(Parted {
+        return Parted {
             positions: vec![None; soft.len()],
             moved: vec![Moved::default(); soft.len()],
-            pairs: Vec::new(),
-        });
+            ..Parted::default()
+        };
     }
-    let mut scene = Scene::new(soft, rigid, gaps);
-    let mut seen = scene.look(true);
-    for round in 0..ROUNDS + LAST {
-        if round >= ROUNDS && seen.is_clear() && scene.is_sound() {
-            break;
-        }
-        scene.activate(&seen);
-        apply(&mut scene.all, &seen.pushes, SWEEPS);
-        if round >= ROUNDS || round % UNFOLD == 0 {
-            scene.unfold();
-        }
-        match round < ROUNDS {
-            true => scene.relax(&seen.pushes, SMOOTHING[SMOOTHING.len() * round / ROUNDS]),
-            false => scene.keep_volumes(&seen.pushes),
-        }
-        seen = scene.look(round % LOOK == LOOK - 1);
+    let attempt = |rounds| {
+        let mut scene = Scene::new(soft, rigid, gaps);
+        let left = scene.part(rounds);
+        scene.result(&overlaps, left)
+    };
+    let [few, many] = ROUNDS;
+    let parted = attempt(few);
+    if parted.left.is_empty() {
+        parted
+    } else {
+        attempt(many)
     }
-    if let Some((of, crossings, place)) = scene.worst(&seen) {
-        return Err(Inseparable {
-            pair: of.map(|s| scene.all[s].name.clone()),
-            place: place.into(),
-            crossings,
-        });
-    }
-    scene.settle_back();
-    Ok(scene.result(overlaps))
 }
 
 /// All surfaces, muscles first.
@@ -244,6 +226,32 @@ impl Scene {
             inverse_mass: soft.iter().map(inverse_mass).collect(),
             all,
         }
+    }
+
+    /// Parts all pairs, with `rounds` in which displacements are smoothed. Returns those that still
+    /// cross.
+    fn part(&mut self, rounds: usize) -> Vec<Inseparable> {
+        let mut seen = self.look(true);
+        for round in 0..rounds + LAST {
+            if round >= rounds && seen.is_clear() && self.is_sound() {
+                break;
+            }
+            self.activate(&seen);
+            apply(&mut self.all, &seen.pushes, SWEEPS);
+            if round >= rounds || round % UNFOLD == 0 {
+                self.unfold();
+            }
+            match round < rounds {
+                true => self.relax(&seen.pushes, SMOOTHING[SMOOTHING.len() * round / rounds]),
+                false => self.keep_volumes(&seen.pushes),
+            }
+            seen = self.look(round % LOOK == LOOK - 1);
+        }
+        let left = self.left(&seen);
+        if left.is_empty() {
+            self.settle_back();
+        }
+        left
     }
 
     /// The pairs that may touch, a muscle first.
@@ -457,22 +465,32 @@ impl Scene {
         moving.all(|solid| solid.volume_error() <= VOLUME && solid.folded().is_none())
     }
 
-    /// The pair with most crossings that is left, or one in which a body is inside the other, with
-    /// the number of crossings and a place [m].
-    fn worst(&self, seen: &Seen) -> Option<([usize; 2], usize, Point3<f64>)> {
-        let count = |k: &usize| seen.crossing[*k].1.len();
-        let all = 0..seen.crossing.len();
-        let is_left = |k: &usize| count(k) > 0 || seen.depth[*k] > 0.0;
-        let worst = all.filter(is_left).max_by_key(count)?;
-        let (of, crossing) = &seen.crossing[worst];
-        let place = crossing.first().map_or(self.all[of[0]].x()[0], |[s, _]| {
-            self.all[of[0]].corners(*s)[0]
-        });
-        Some((*of, crossing.len(), place))
+    /// The pairs that cross, or of which one is in the other; most crossings first.
+    fn left(&self, seen: &Seen) -> Vec<Inseparable> {
+        let pairs = seen.crossing.iter().zip(&seen.depth);
+        let left = pairs.filter(|((_, crossing), depth)| !crossing.is_empty() || **depth > 0.0);
+        let mut left: Vec<Inseparable> = left
+            .map(|((of, crossing), _)| {
+                let first = &self.all[of[0]];
+                let place = crossing
+                    .first()
+                    .map_or(first.x()[0], |[s, _]| first.corners(*s)[0]);
+                Inseparable {
+                    pair: of.map(|s| self.all[s].name.clone()),
+                    place: place.into(),
+                    crossings: crossing.len(),
+                }
+            })
+            .collect();
+        left.sort_by_key(|pair| std::cmp::Reverse(pair.crossings));
+        left
     }
 
-    fn result(self, overlaps: Vec<Overlap>) -> Parted {
-        let mut parted = Parted::default();
+    fn result(self, overlaps: &[Overlap], left: Vec<Inseparable>) -> Parted {
+        let mut parted = Parted {
+            left,
+            ..Parted::default()
+        };
         for (solid, active) in self.all.iter().zip(&self.active).take(self.soft) {
             parted.moved.push(solid.moved());
             parted.positions.push(active.then(|| solid.x().to_vec()));

@@ -288,7 +288,10 @@ impl Among {
                 pose: *pose,
             })
             .collect();
-        let parted = apart::part(&soft, &rigid, self.gaps)?;
+        let parted = apart::part(&soft, &rigid, self.gaps);
+        if let Some(left) = parted.left.first() {
+            return Err(left.clone());
+        }
         let mut muscles: Vec<(Arc<Rest>, Moved)> = self
             .clear
             .iter()

@@ -643,10 +643,11 @@ fn the_examples_are_scenes_where_the_data_are() {
     let data = crate::measured_data("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
     let (mut read, mut skipped) = (0, 0);
-    for (name, muscles) in [
-        ("right-hip-gluteus-maximus", 1),
-        ("right-hip", 3),
-        ("right-hip-muscles", 4),
+    for (name, bones, muscles) in [
+        ("right-hip-gluteus-maximus", 3, 1),
+        ("right-hip", 3, 3),
+        ("right-hip-muscles", 3, 4),
+        ("right-thigh", 5, 9),
     ] {
         let path = examples.join(name).with_extension("toml");
         if data.is_none() {
@@ -661,7 +662,7 @@ fn the_examples_are_scenes_where_the_data_are() {
         .unwrap_or_else(|e| panic!("{e:?}"));
         assert_eq!(
             (scene.name.as_str(), scene.bones.len(), scene.muscles.len()),
-            (name, 3, muscles)
+            (name, bones, muscles)
         );
         for muscle in &scene.muscles {
             assert!(

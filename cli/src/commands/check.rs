@@ -40,7 +40,8 @@ unless --merge-within is given. DIR gets each mesh under its own name (STL, whic
 Of several meshes in one frame, the check also shows which overlap: crossing triangles (exact), vertices inside, depth, place.
 --part moves their vertices until no two triangles cross, with the volumes kept.
 
-Exit codes: 0 a simulation takes every mesh (with --repair: every repaired mesh); 1 it refuses one (a code with E);
+Exit codes: 0 a simulation takes every mesh (with --repair: every repaired mesh); 1 it refuses one (a code with E), or --part
+leaves a pair that crosses;
 2 a file cannot be read as a mesh, or the usage is wrong.")]
 pub(super) struct Arguments {
     /// Mesh files
@@ -148,7 +149,7 @@ fn output(
         kind: "check",
         name,
         measures: json!({"meshes": outcomes, "overlaps": overlaps.measures()}),
-        verdicts: verdicts.collect(),
+        verdicts: verdicts.chain(overlaps.verdicts()).collect(),
         text: words::report(outcomes, arguments.unit.as_deref()) + &overlaps.text(),
         written: repaired.chain(changes).chain(parted).collect(),
         ..RunOutput::default()

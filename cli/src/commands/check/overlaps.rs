@@ -11,6 +11,7 @@ use pliant::mesh::Health;
 use serde_json::{Value, json};
 
 use crate::commands::failure::Failure;
+use crate::report::output::Verdict;
 
 /// Distance that parted meshes keep, relative to the median length of an edge.
 const GAP: f64 = 0.01;
@@ -22,6 +23,8 @@ pub(super) struct Overlaps {
     pub pairs: Vec<PartedPair>,
     /// True if they were parted.
     pub parted: bool,
+    /// The pairs that still cross.
+    left: Vec<Inseparable>,
     /// The written meshes.
     pub written: Vec<PathBuf>,
 }
@@ -37,7 +40,7 @@ struct Named {
 /// meshes that may not move. Meshes that do not enclose a volume are left out.
 ///
 /// # Errors
-/// A pair that cannot be parted, a file that cannot be written.
+/// A file that cannot be written.
 pub(super) fn find(
     meshes: &[PathBuf],
     still: &[PathBuf],
@@ -82,7 +85,7 @@ pub(super) fn find(
         to_bones: gap,
         between: gap,
     };
-    let parted = part(&bodies, &bones, gaps).map_err(|error| inseparable(&error))?;
+    let parted = part(&bodies, &bones, gaps);
     let mut written = Vec::new();
     for ((named, target), vertices) in soft.iter().zip(&parted.positions) {
         let mesh = match vertices {
@@ -101,19 +104,9 @@ pub(super) fn find(
     Ok(Overlaps {
         pairs: parted.pairs,
         parted: true,
+        left: parted.left,
         written,
     })
-}
-
-fn inseparable(error: &Inseparable) -> Failure {
-    let ([a, b], [x, y, z]) = (&error.pair, error.place);
-    Failure::usage(
-        format!(
-            "{a} and {b} cannot be parted: {} pairs of triangles cross, the first near ({x:.4}, {y:.4}, {z:.4})",
-            error.crossings
-        ),
-        "check that they belong together and have one unit, or part them in a program for meshes",
-    )
 }
 
 fn unwritable(error: &io::WriteError) -> Failure {
@@ -150,6 +143,21 @@ impl Overlaps {
         self.pairs.iter().map(pair).collect()
     }
 
+    /// A verdict for each pair that could not be parted; one that passes if all could.
+    pub fn verdicts(&self) -> Vec<Verdict> {
+        let left = self.left.iter().map(|left| {
+            let ([a, b], [x, y, z]) = (&left.pair, left.place);
+            Verdict::none("pairs of triangles that still cross", left.crossings)
+                .at(format!("{a} and {b}, near ({x:.4}, {y:.4}, {z:.4})"))
+                .else_do("check that they belong together and have one unit, or part them in a program for meshes")
+        });
+        let mut all: Vec<Verdict> = left.collect();
+        if self.parted && all.is_empty() {
+            all.push(Verdict::none("pairs of triangles that still cross", 0));
+        }
+        all
+    }
+
     /// The pairs as text, one line each.
     pub fn text(&self) -> String {
         let mut text = String::new();
@@ -161,7 +169,8 @@ impl Overlaps {
                  near ({:.4}, {:.4}, {:.4})",
                 pair.crossings, pair.inside[0], pair.inside[1], pair.depth, p.x, p.y, p.z
             ));
-            if self.parted {
+            let is_left = |left: &Inseparable| left.pair == pair.pair;
+            if self.parted && !self.left.iter().any(is_left) {
                 text.push_str(&format!(
                     "; parted, with vertices moved by {:.3e} (RMS), at most {:.3e}",
                     pair.moved.rms, pair.moved.max
