@@ -34,6 +34,7 @@ use crate::mesh::measures::Aabb;
 use crate::mesh::topology::Topology;
 use crate::state::{DecodeError, Reader, State, Writer};
 use lists::Bucket;
+pub use lists::StepMotions;
 use rows::Row;
 
 /// The lists of two patches hold for this relative motion beyond the present one, relative to the
@@ -362,13 +363,20 @@ impl Meeting {
         }
     }
 
-    /// Sets the end of the step, without motion by which a vertex leaves its surroundings. Returns
+    /// Sets the end of the step, to which the patches make `motions` if these are known, without motion by which a vertex leaves its surroundings. Returns
     /// true if there was such motion.
-    fn set_end(&mut self, bodies: &[&mut [Point3<f64>]]) -> bool {
+    fn set_end(
+        &mut self,
+        bodies: &[&mut [Point3<f64>]],
+        motions: Option<Vec<StepMotions>>,
+    ) -> bool {
         for (member, x) in self.members.iter().zip(bodies) {
             self.end[member.first..member.first + member.count].copy_from_slice(x);
         }
-        self.note_step();
+        match motions {
+            Some(motions) => self.take_motions(motions),
+            None => self.note_step(),
+        }
         let is_cut = self.cap();
         if is_cut {
             self.note_step();

@@ -68,9 +68,13 @@ impl Motion {
 
     /// The motion of vertices between two lists of positions [m].
     pub fn of_vertices(vertices: &[u32], from: &[Point3<f64>], to: &[Point3<f64>]) -> Self {
-        let by = |&v: &u32| to[v as usize] - from[v as usize];
-        let mean = vertices.iter().map(by).sum::<Vector3<f64>>() / vertices.len() as f64;
-        let squares = vertices.iter().map(|v| (by(v) - mean).norm_squared());
+        Self::of_ways(vertices, |&v| to[v as usize] - from[v as usize])
+    }
+
+    /// The motion of vertices of which each moves by `way` [m].
+    pub fn of_ways(vertices: &[u32], way: impl Fn(&u32) -> Vector3<f64>) -> Self {
+        let mean = vertices.iter().map(&way).sum::<Vector3<f64>>() / vertices.len() as f64;
+        let squares = vertices.iter().map(|v| (way(v) - mean).norm_squared());
         Self {
             mean,
             spread: squares.fold(0.0, max2).sqrt(),

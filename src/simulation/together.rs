@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::body::{Body, Stepper};
 use super::{SETTLED, Simulation, place, step_body};
 use crate::contact::PosedObstacle;
-use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember};
+use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember, StepMotions};
 use crate::contact::response::OVER_VERTEX;
 use crate::mesh::union_find::UnionFind;
 use crate::solvers::{Broken, DIVERGENCE};
@@ -219,12 +219,18 @@ fn step(
     let iterations = bodies
         .first()
         .map_or(1, |body| body.system.settings.iterations);
-    moving(bodies).for_each(|body| body.system.begin_alone(placed, dt));
-    for _ in 0..iterations {
-        moving(bodies).for_each(|body| body.system.sweep_alone(placed, dt));
+    for iteration in 0..iterations {
+        let motions = with_motions(meeting, bodies, |_, body| {
+            if iteration == 0 {
+                body.system.begin_alone(placed, dt);
+            }
+            body.system.sweep_alone(placed, dt);
+        });
+        let mut motions = Some(motions);
         for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
             // A number that is not finite would reach every neighbour.
             if let Some(particle) = body.system.particles.first_non_finite() {
+                motions = None;
                 body.system.back_to_start();
                 let broken = body.step(placed, dt).err();
                 stop(
@@ -238,7 +244,7 @@ fn step(
             }
         }
         let begin = std::time::Instant::now();
-        meeting.respond(&mut positions_mut(bodies));
+        meeting.respond(&mut positions_mut(bodies), motions);
         note(bodies, begin);
         project_volumes(meeting, bodies, dt);
     }
@@ -258,19 +264,13 @@ fn project_volumes(meeting: &mut Meeting, bodies: &mut [&mut Body], dt: f64) {
         let blocked: Vec<Vec<_>> = (0..bodies.len())
             .map(|k| meeting.blocked(k).collect())
             .collect();
-        bodies
-            .par_iter_mut()
-            .zip(&frozen)
-            .zip(&blocked)
-            .enumerate()
-            .filter(|(k, ((body, _), _))| {
-                body.stopped.is_none() && (round == 0 || !frozen[*k].is_empty())
-            })
-            .for_each(|(_, ((body, frozen), blocked))| {
-                body.system.project_volume(dt, blocked, frozen)
-            });
+        let motions = with_motions(meeting, bodies, |k, body| {
+            if round == 0 || !frozen[k].is_empty() {
+                body.system.project_volume(dt, &blocked[k], &frozen[k]);
+            }
+        });
         let begin = std::time::Instant::now();
-        let changed = meeting.hold(&mut positions_mut(bodies));
+        let changed = meeting.hold(&mut positions_mut(bodies), Some(motions));
         note(bodies, begin);
         if changed.iter().all(Vec::is_empty) {
             return;
@@ -302,7 +302,7 @@ fn settle(
     for _ in 0..SETTLING {
         meeting.begin_step(&positions(bodies), &still);
         moving(bodies).for_each(|body| body.system.settle_contact(&still));
-        meeting.respond(&mut positions_mut(bodies));
+        meeting.respond(&mut positions_mut(bodies), None);
         project_volumes(meeting, bodies, dt);
         let clear: Vec<bool> = bodies
             .par_iter_mut()
@@ -312,6 +312,21 @@ fn settle(
             return;
         }
     }
+}
+
+/// Moves all bodies that have not stopped, in parallel. Returns the motion of all in the step.
+fn with_motions(
+    meeting: &Meeting,
+    bodies: &mut [&mut Body],
+    moves: impl Fn(usize, &mut Body) + Sync,
+) -> Vec<StepMotions> {
+    let all = bodies.par_iter_mut().enumerate().map(|(k, body)| {
+        if body.stopped.is_none() {
+            moves(k, body);
+        }
+        meeting.motions(k, &body.system.particles.position)
+    });
+    all.collect()
 }
 
 fn moving<'a, 'b>(

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::super::gap::{Parts, ROUNDING, gap, height, largest, max2};
 use super::super::patches::{Motion, Turn};
 use super::lists::AHEAD;
-use super::{Key, Meeting};
+use super::{Key, Meeting, StepMotions};
 use crate::mesh::measures::Aabb;
 
 /// Number of rounds in which pairs are moved apart along their normals before their vertices go
@@ -52,9 +52,14 @@ struct Back {
 
 impl Meeting {
     /// Takes back motion of the given positions [m] of each soft surface until no pair crosses.
-    /// Returns the numbers of changed vertices, ascending, for each surface.
-    pub fn hold(&mut self, bodies: &mut [&mut [Point3<f64>]]) -> Vec<Vec<u32>> {
-        let mut is_moved = self.set_end(bodies);
+    /// Returns the numbers of changed vertices, ascending, for each surface. [`Self::motions`] of each
+    /// surface need not be computed again.
+    pub fn hold(
+        &mut self,
+        bodies: &mut [&mut [Point3<f64>]],
+        motions: Option<Vec<StepMotions>>,
+    ) -> Vec<Vec<u32>> {
+        let mut is_moved = self.set_end(bodies, motions);
         let (mut found, mut back): (Vec<Crossing>, Back) = Default::default();
         let mut round = 0;
         let open = loop {

@@ -11,7 +11,7 @@ use super::super::gap::{Parts, gap, height, max2};
 use super::super::near_pairs::{Facet, near_pairs};
 use super::super::patches::{Motion, Turn};
 use super::super::surface::box_pairs;
-use super::{Against, FAR, Meeting, Patch, SUMMED};
+use super::{Against, FAR, Meeting, Member, Patch, SUMMED};
 use crate::mesh::measures::Aabb;
 
 /// The share by which a step may come nearer than its motion tells: a gap is at least the height of
@@ -23,6 +23,13 @@ pub(super) const WIDE: f64 = 1.01;
 
 /// Number of buckets that a thread looks at together.
 pub(super) const CHUNK: usize = 32;
+
+/// Number of buckets at which one thread looks alone.
+const FEW: usize = 2048;
+
+/// The motion of the patches of a soft surface in a step.
+#[derive(Debug)]
+pub struct StepMotions(Vec<Motion>);
 
 /// A listed pair.
 #[derive(Clone, Copy, Debug)]
@@ -137,15 +144,21 @@ impl Meeting {
         let is_summed = goes_on && self.summed < SUMMED;
         self.summed = if is_summed { self.summed + 1 } else { 0 };
         let (reference, start) = (&self.reference, &self.start);
-        let patches = self.patches.par_iter_mut().with_min_len(CHUNK);
-        patches.for_each(|patch| match &turns[patch.member] {
+        let note = |patch: &mut Patch| match &turns[patch.member] {
             None if is_summed => patch.start = patch.start.then(&patch.step),
             None => patch.start = Motion::of_vertices(&patch.vertices, reference, start),
             Some([to_start, step]) => {
                 patch.start = Motion::of_box(&patch.bounds, to_start);
                 patch.step = Motion::of_box(&patch.bounds, step);
             }
-        });
+        };
+        // Threads cost more than a sum.
+        if is_summed {
+            self.patches.iter_mut().for_each(note);
+        } else {
+            let patches = self.patches.par_iter_mut().with_min_len(CHUNK);
+            patches.for_each(note);
+        }
         let near = self.patches.iter().filter(|patch| patch.is_near);
         // A quarter each for both patches, the rest for the steps to come.
         if !(near.map(|p| p.start.size()).fold(0.0, max2) <= 0.25 * self.wake) {
@@ -229,17 +242,36 @@ impl Meeting {
         }
     }
 
+    /// The motion in the step of each patch of soft surface `member` to the positions `x` [m].
+    pub fn motions(&self, member: usize, x: &[Point3<f64>]) -> StepMotions {
+        let first = self.members[member].first;
+        let of = self.patches.partition_point(|p| p.member < member);
+        let end = self.patches.partition_point(|p| p.member <= member);
+        let motion = |patch: &Patch| {
+            let way = |&v: &u32| x[v as usize - first] - self.start[v as usize];
+            Motion::of_ways(&patch.vertices, way)
+        };
+        StepMotions(self.patches[of..end].iter().map(motion).collect())
+    }
+
     /// Notes the motion of soft patches in the step.
     pub(super) fn note_step(&mut self) {
-        let (start, end) = (&self.start, &self.end);
-        self.patches
-            .par_iter_mut()
-            .with_min_len(CHUNK)
-            .for_each(|patch| {
-                if !patch.vertices.is_empty() {
-                    patch.step = Motion::of_vertices(&patch.vertices, start, end);
-                }
-            });
+        let count = self.soft().len();
+        let end = |member: usize| {
+            let Member { first, count, .. } = self.members[member];
+            &self.end[first..first + count]
+        };
+        let all = (0..count).into_par_iter();
+        let motions: Vec<StepMotions> = all.map(|k| self.motions(k, end(k))).collect();
+        self.take_motions(motions);
+    }
+
+    /// Takes the motion of all soft patches in the step.
+    pub(super) fn take_motions(&mut self, motions: Vec<StepMotions>) {
+        let motions = motions.into_iter().flat_map(|motions| motions.0);
+        for (patch, step) in self.patches.iter_mut().zip(motions) {
+            patch.step = step;
+        }
     }
 
     /// Looks at all buckets that motion can have woken up, with lists that hold for the step to the
@@ -263,8 +295,10 @@ impl Meeting {
             self.buckets.len()
         };
         let mut buckets = std::mem::take(&mut self.buckets);
+        // Few buckets take less time than it takes to wake up threads.
+        let chunk = if awake > FEW { CHUNK } else { FEW };
         let found: Vec<(Vec<T>, Vec<&mut Bucket>)> = buckets[..awake]
-            .par_chunks_mut(CHUNK)
+            .par_chunks_mut(chunk)
             .map(|buckets| {
                 let (mut found, mut outdated) = (Vec::new(), Vec::new());
                 for bucket in buckets {

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::super::gap::{Gap, Parts, difference, gap};
 use super::lists::{AHEAD, Pair};
-use super::{Key, Meeting};
+use super::{Key, Meeting, StepMotions};
 
 /// Greatest number of sweeps over all rows of a step, and the greatest correction of the last sweep
 /// relative to the thickness.
@@ -25,9 +25,13 @@ pub(super) struct Row {
 
 impl Meeting {
     /// Pushes apart all pairs that are nearer than their distance, in a step to the given positions
-    /// of each soft surface [m].
-    pub fn respond(&mut self, bodies: &mut [&mut [Point3<f64>]]) {
-        let is_cut = self.set_end(bodies);
+    /// of each soft surface [m], with [`Self::motions`] of each if they are known.
+    pub fn respond(
+        &mut self,
+        bodies: &mut [&mut [Point3<f64>]],
+        motions: Option<Vec<StepMotions>>,
+    ) {
+        let is_cut = self.set_end(bodies, motions);
         self.find_rows();
         for _ in 0..SWEEPS {
             let mut largest = 0.0_f64;

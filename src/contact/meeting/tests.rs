@@ -100,7 +100,7 @@ fn driven(trials: u64, [size, margin]: [f64; 2], spoil: impl Fn(&mut Meeting)) -
                 }
             }
             let [one, other] = &mut balls;
-            meeting.hold(&mut [&mut one.vertices, &mut other.vertices]);
+            meeting.hold(&mut [&mut one.vertices, &mut other.vertices], None);
         }
         let count = crossings(&balls);
         if count > 0 {
@@ -169,8 +169,8 @@ fn a_held_surface_is_not_moved_and_not_crossed() {
         let held = balls[1].vertices.clone();
         let [one, other] = &mut balls;
         let mut bodies: [&mut [Point3<f64>]; 2] = [&mut one.vertices, &mut other.vertices];
-        meeting.respond(&mut bodies);
-        meeting.hold(&mut bodies);
+        meeting.respond(&mut bodies, None);
+        meeting.hold(&mut bodies, None);
         assert_eq!(balls[1].vertices, held, "step {step}");
         assert_eq!(crossings(&balls), 0, "step {step}");
     }
@@ -213,7 +213,7 @@ fn turned(spoil: impl Fn(&mut Meeting)) -> (usize, u64) {
         ball.vertices.iter_mut().for_each(|x| *x = turn * *x);
     }
     let [one, other] = &mut balls;
-    let changed = meeting.hold(&mut [&mut one.vertices, &mut other.vertices]);
+    let changed = meeting.hold(&mut [&mut one.vertices, &mut other.vertices], None);
     assert_eq!(crossings(&balls), 0);
     (
         changed.iter().map(Vec::len).sum(),
@@ -249,7 +249,7 @@ fn pushes_of_pairs_keep_the_momentum() {
         .map(|x| x.coords)
         .sum();
     let [one, other] = &mut balls;
-    meeting.respond(&mut [&mut one.vertices, &mut other.vertices]);
+    meeting.respond(&mut [&mut one.vertices, &mut other.vertices], None);
     let after: Vector3<f64> = balls
         .iter()
         .flat_map(|ball| &ball.vertices)
