@@ -11,7 +11,8 @@ use pliant::mesh::{TriangleMesh, shapes};
 use pliant::scene::{FillCourse, ImplantFill, SkinScene, Support};
 use pliant::simulation::{SkinMeasures, SkinPart, SkinRun};
 use pliant::skin::{
-    Areas, CAVEATS, GROWN_SOURCE, ImplantSpec, Inserted, RETRACTED_SOURCE, deepest,
+    Areas, CAVEATS, Defects, GROWN_SOURCE, ImplantSpec, Inserted, RETRACTED_SOURCE, STEEPEST_FOLD,
+    Soundness, deepest,
 };
 use pliant_render::PictureError;
 
@@ -103,10 +104,71 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
         let deep = max_or_nan(part.frames.iter().map(|f| f.progress.depth));
         let name = "depth of bodies in each other";
         say(Verdict::at_most(name, deep, deepest(base)).in_unit("m"));
+        if matches!(run.scene.under, Support::Implants(_)) {
+            for verdict in sound(part) {
+                all.push(verdict);
+            }
+        }
+        let mut say = |verdict: Verdict| all.push(verdict.at(part.name.as_str()));
         if let Some(off) = volume_error(run, part) {
             let name = "relative error of the implant's volume";
             say(Verdict::at_most(name, off, VOLUME_HELD));
         }
+    }
+    all
+}
+
+/// Verdicts on crossings and folds in all frames of a part, each with the place of the first.
+fn sound(part: &SkinPart) -> Vec<Verdict> {
+    let room = "make the volume smaller or the base larger, or choose a place with more room";
+    let kinds: [(&str, fn(&Soundness) -> &Defects); 3] = [
+        ("crossings of the skin with itself", |s| &s.itself),
+        ("crossings of skin and implants", |s| &s.implants),
+        ("crossings with obstacles", |s| &s.obstacles),
+    ];
+    let at = |frame: usize, defects: &Defects| match defects.place {
+        Some(p) => {
+            let [x, y, z] = [p.x, p.y, p.z].map(|c| pliant::format::number(c * 1e3));
+            format!("{}, frame {frame}, at ({x}, {y}, {z}) mm", part.name)
+        }
+        None => part.name.clone(),
+    };
+    let mut all = Vec::new();
+    for (name, of) in kinds {
+        let counts = part.frames.iter().map(|f| {
+            let count = of(&f.soundness).count as f64;
+            // Pairs that were not tested are no pairs without a crossing.
+            (
+                f,
+                if f.soundness.complete {
+                    count
+                } else {
+                    f64::NAN
+                },
+            )
+        });
+        let first = counts.clone().find(|(_, count)| !(*count <= 0.0));
+        let place = first.map_or_else(|| part.name.clone(), |(f, _)| at(f.frame, of(&f.soundness)));
+        let most = max_or_nan(counts.map(|(_, count)| count));
+        all.push(Verdict::at_most(name, most, 0.0).at(place).else_do(room));
+    }
+    let steepest = part.frames.iter().max_by(|a, b| {
+        let [a, b] = [a, b].map(|f| f.soundness.greatest_fold);
+        a.total_cmp(&b)
+    });
+    if let Some(f) = steepest {
+        let (angle, limit) = (f.soundness.greatest_fold, STEEPEST_FOLD);
+        let verdict = Verdict::at_most(
+            "greatest fold of the skin",
+            angle.to_degrees(),
+            limit.to_degrees(),
+        );
+        let place = if verdict.passed {
+            part.name.clone()
+        } else {
+            at(f.frame, &f.soundness.folds)
+        };
+        all.push(verdict.in_unit("degrees").at(place).else_do(room));
     }
     all
 }
