@@ -24,7 +24,7 @@ const SOFT: f64 = 3e-3;
 
 /// Distance that skin, implants and obstacles keep from each other, relative to the base: what
 /// touches at its vertices does not cross between them.
-const CLEAR: f64 = 1e-3;
+const CLEAR: f64 = 1.5e-3;
 
 /// First increase of the distance beside a crossing, relative to the distance kept; every further
 /// increase doubles it. Between vertices, coarse surfaces bulge by more than the distance kept.
@@ -215,11 +215,13 @@ impl<'a> Detector<'a> {
                 let lift = self.lifts.entry(key).or_insert(0.0);
                 *lift = (*lift - if is_deep { gap } else { over.max(0.0) }).max(0.0);
             }
-            let is_crossed = clear > 0.0 && over < self.soft;
-            let is_crossed = is_crossed && touch.corners().iter().any(|v| crossed.contains(v));
+            let is_near = clear > 0.0 && over < 2.0 * self.soft;
+            let is_crossed = is_near && touch.corners().iter().any(|v| crossed.contains(v));
             if is_crossed {
                 let apart = self.apart.entry(key).or_insert(0.0);
-                *apart = (2.0 * *apart).max(STEP * clear);
+                *apart = (2.0 * *apart)
+                    .max(*apart + over + STEP * clear)
+                    .max(STEP * clear);
             }
             any |= is_deep || is_crossed;
         }

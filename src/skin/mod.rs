@@ -14,6 +14,7 @@ pub(crate) mod areas;
 pub(crate) mod ball;
 mod bending;
 pub(crate) mod coarse;
+mod collapse;
 pub(crate) mod contact;
 mod detector;
 pub(crate) mod envelope;

@@ -11,6 +11,7 @@ use nalgebra::Point3;
 
 use super::SkinError;
 use super::bending::bending;
+use super::collapse::collapse;
 use super::contact::Touching;
 pub use super::detector::deepest;
 use super::detector::{Detector, PENALTY};
@@ -66,7 +67,7 @@ const SHORTEST: f64 = 1.0 / 64.0;
 const TOLERANCE: f64 = 1e-5;
 
 /// Greatest number of increases of the contact offsets at equilibrium.
-const LIFTS: u32 = 8;
+const LIFTS: u32 = 10;
 
 /// Greatest number of rounds, also after each increase of the offsets, and of iterations in each.
 const ROUNDS: u32 = 80;
@@ -421,6 +422,8 @@ impl SkinSystem {
         }
         if self.ball.is_none() && !self.layers.hinges.is_empty() {
             energy.elastic.push(Box::new(bending(&self.layers, x)));
+            let facets = collapse(&self.layers, self.membrane);
+            energy.elastic.push(Box::new(facets));
         }
         for implant in &self.implants {
             let alone = self.layers.springs.is_empty();
