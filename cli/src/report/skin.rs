@@ -366,6 +366,7 @@ fn json_of_region(part: &SkinPart) -> Value {
     let (ready, last) = (&part.ready, part.frames.last());
     let areas = part.areas_at(last.map_or(0, |f| f.frame));
     let progress = last.map(|f| f.progress).unwrap_or_default();
+    let sound = last.map(|f| f.soundness).unwrap_or_default();
     let own = json!({
         "name": part.name,
         "edge_m": ready.layers.edge,
@@ -373,6 +374,14 @@ fn json_of_region(part: &SkinPart) -> Value {
         "rest_by": progress.rest_by(),
         "area_gain_uncertainty_m2": part.now.as_ref().and_then(Inserted::gain_uncertainty),
         "penetration_m": progress.depth,
+        "crossings": {
+            "skin": sound.itself.count,
+            "implants": sound.implants.count,
+            "obstacles": sound.obstacles.count,
+            "complete": sound.complete,
+        },
+        "fold_max_deg": sound.greatest_fold.to_degrees(),
+        "folds_over_limit": sound.folds.count,
         "rounds": progress.rounds,
         "region": {
             "vertices": 2 * ready.layers.count(),
@@ -479,6 +488,13 @@ mod tests {
     use pliant::scene::builtin::load_content;
     use pliant::simulation::Stepped;
 
+    fn defect() -> Defects {
+        Defects {
+            count: 1,
+            place: Some(nalgebra::Point3::new(0.001, 0.002, 0.003)),
+        }
+    }
+
     #[test]
     fn a_filling_that_is_not_at_rest_fails_and_far_stretched_skin_does_not() {
         let list = "[{ frame = 1, volume = \"40 cc\" }, { frame = 2, volume = \"60 cc\" }]";
@@ -504,6 +520,38 @@ mod tests {
         assert!(passed && found.contains("stretched beyond 1.01"), "{found}");
         assert!(measures["area_over_limit_m2"].as_f64() > Some(1e-4));
         assert_eq!(measures["curve"].as_array().map(Vec::len), Some(2));
+        assert!(run.parts[0].frames.iter().all(|f| f.soundness.is_sound()));
+        assert_eq!(measures["implants"][0]["crossings"]["implants"], 0);
+        // Every defect of any frame fails, with its place.
+        let bad: [(&str, fn(&mut Soundness)); 5] = [
+            ("crossings of the skin with itself", |s| s.itself = defect()),
+            ("crossings of skin and implants", |s| s.implants = defect()),
+            ("crossings with obstacles", |s| s.obstacles = defect()),
+            ("greatest fold of the skin", |s| {
+                (s.folds, s.greatest_fold) = (defect(), 1.01 * STEEPEST_FOLD);
+            }),
+            ("greatest fold of the skin", |s| s.greatest_fold = f64::NAN),
+        ];
+        for (name, spoil) in bad {
+            let kept = run.parts[0].frames[0].soundness;
+            spoil(&mut run.parts[0].frames[0].soundness);
+            let failed: Vec<Verdict> = verdicts(&run).into_iter().filter(|v| !v.passed).collect();
+            let [verdict] = &failed[..] else {
+                panic!("{name}: {failed:?}")
+            };
+            assert_eq!(verdict.name, name);
+            let place = verdict.place.as_deref().unwrap_or_default();
+            assert!(place.contains("frame 1"), "{place}");
+            assert!(verdict.value.is_some_and(f64::is_nan) || place.contains("(1, 2, 3) mm"));
+            assert!(verdict.what_to_do.is_some());
+            run.parts[0].frames[0].soundness = kept;
+        }
+        run.parts[0].frames[0].soundness.complete = false;
+        assert!(
+            verdicts(&run).iter().any(|v| !v.passed),
+            "not all pairs were tested"
+        );
+        run.parts[0].frames[0].soundness.complete = true;
         run.parts[0].frames[0].progress.converged = false;
         run.scene.skin.stretch_limit = 9.0;
         let (passed, found, measures) = of(&run);
