@@ -19,6 +19,7 @@ use crate::skin::coarse::halved_near;
 use crate::skin::implant::Implant;
 use crate::skin::plan::{ImplantPlace, Inserted, PreparedPatch};
 use crate::skin::settle;
+use crate::skin::soundness::{MovedSurface, Soundness};
 use crate::skin::together::grouped;
 use crate::skin::whole::Whole;
 use crate::skin::{self, Areas, ImplantSpec, SkinError};
@@ -39,6 +40,8 @@ pub struct SkinMeasures {
     pub areas: Areas,
     /// State of the solution.
     pub progress: settle::SettleProgress,
+    /// Crossings and folds.
+    pub soundness: Soundness,
     /// Wall time [s].
     pub time_s: f64,
 }
@@ -274,6 +277,13 @@ impl SkinRun {
             part.now = now;
         }
         self.frame = frame;
+        let skin = self.skin_at();
+        for k in 0..self.parts.len() {
+            let soundness = self.soundness(&self.parts[k], &skin);
+            if let Some(own) = self.parts[k].frames.last_mut().filter(|f| f.frame == frame) {
+                own.soundness = soundness;
+            }
+        }
         Stepped::Done
     }
 
@@ -310,6 +320,7 @@ impl SkinRun {
             shells: shells.map(|shell| (shell.volume, shell.pressure)).collect(),
             areas: now.areas,
             progress: now.progress,
+            soundness: Soundness::default(),
             time_s: begun.elapsed().as_secs_f64(),
         });
         Ok((Some(now), measures))
@@ -327,6 +338,54 @@ impl SkinRun {
             centre: from + (ball.to - from) * share,
             radius: ball.radius,
         }
+    }
+
+    /// Crossings and folds of a part in the last frame, with the whole skin there [m]. Those of the
+    /// skin as read do not count.
+    fn soundness(&self, part: &SkinPart, skin: &[Point3<f64>]) -> Soundness {
+        let mut found = Soundness::none();
+        let Some(now) = &part.now else { return found };
+        let (layers, n) = (&part.ready.layers, part.ready.layers.count());
+        let moved = |from, to, triangles| MovedSurface {
+            before: from,
+            after: to,
+            triangles,
+        };
+        let whole = moved(&self.whole.vertices, skin, &self.whole.triangles);
+        let [upper, lower] = [0..n, n..2 * n]
+            .map(|own| moved(&layers.rest[own.clone()], &now.x[own], &layers.triangles));
+        let mut own = vec![false; skin.len()];
+        part.vertices().for_each(|(_, vertex)| own[vertex] = true);
+        let is_own = |t: u32| {
+            self.whole.triangles[t as usize]
+                .iter()
+                .any(|v| own[*v as usize])
+        };
+        found.fold(&whole);
+        found.fold(&lower);
+        found.cross(|s| &mut s.itself, &whole.self_crossings(is_own));
+        found.cross(|s| &mut s.itself, &lower.self_crossings(|_| true));
+        found.cross(|s| &mut s.itself, &upper.crossings_with(&lower));
+        let mut bodies = vec![lower, upper];
+        for (shell, before) in now.shells.iter().zip(&part.shells) {
+            let shell = moved(&before.vertices, now.shell_at(shell), &before.triangles);
+            for body in &bodies {
+                found.cross(|s| &mut s.implants, &shell.crossings_with(body));
+            }
+            found.cross(|s| &mut s.implants, &shell.self_crossings(|_| true));
+            bodies.push(shell);
+        }
+        for &o in &part.obstacles {
+            let TriangleMesh {
+                vertices,
+                triangles,
+            } = &self.obstacles[o];
+            let obstacle = MovedSurface::still(vertices, triangles);
+            for body in &bodies {
+                found.cross(|s| &mut s.obstacles, &body.crossings_with(&obstacle));
+            }
+        }
+        found
     }
 
     /// The whole skin in the last frame [m].

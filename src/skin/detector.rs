@@ -1,7 +1,7 @@
 //! Detection of possible contacts: the lower layer and each implant in both directions, implants
 //! with each other, and all of them with the surfaces below.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::Point3;
@@ -21,6 +21,14 @@ pub(super) const PENALTY: f64 = 2_000.0;
 /// Gap at which contact begins to press, relative to the base. The quadratic force from there to
 /// the same depth inside informs Newton's method of an approaching contact.
 const SOFT: f64 = 3e-3;
+
+/// Distance that skin, implants and obstacles keep from each other, relative to the base: what
+/// touches at its vertices does not cross between them.
+const CLEAR: f64 = 1.5e-3;
+
+/// First increase of the distance beside a crossing, relative to the distance kept; every further
+/// increase doubles it. Between vertices, coarse surfaces bulge by more than the distance kept.
+const STEP: f64 = 0.5;
 
 /// Vertices farther apart than this share of the base are not tested.
 const LOOK: f64 = 0.15;
@@ -54,6 +62,8 @@ pub(super) struct Detector<'a> {
     soft: f64,
     /// Offsets of contacts [m].
     lifts: BTreeMap<(On, u32), f64>,
+    /// Distances kept beside crossings beyond the usual one [m].
+    apart: BTreeMap<(On, u32), f64>,
 }
 
 impl<'a> Detector<'a> {
@@ -73,7 +83,8 @@ impl<'a> Detector<'a> {
             .map(|i| Surface::new(&i.mesh))
             .zip(model.firsts())
             .collect();
-        let (lower, lifts) = (Arc::new(Topology::new(&support)), BTreeMap::new());
+        let (lifts, apart) = Default::default();
+        let lower = Arc::new(Topology::new(&support));
         Self {
             model,
             areas,
@@ -81,6 +92,7 @@ impl<'a> Detector<'a> {
             lower,
             soft: SOFT * model.base,
             lifts,
+            apart,
         }
     }
 
@@ -138,10 +150,26 @@ impl<'a> Detector<'a> {
         }
         let radius = BENDS * self.model.base;
         for t in &mut touches {
-            t.lift = self.lifts.get(&(t.on, t.vertex)).copied().unwrap_or(0.0);
+            let key = (t.on, t.vertex);
+            t.lift = self.kept(key) + self.lifts.get(&key).unwrap_or(&0.0);
             *t = t.found(x, radius);
         }
         Touching { touches }
+    }
+
+    /// The distance that is kept from a body [m]. The lower layer lies on its own initial surface
+    /// at the rim, so nothing is kept from there.
+    fn clear(&self, on: On) -> f64 {
+        match on {
+            On::Implant(_) | On::Skin => CLEAR * self.model.base,
+            On::Support(_) if self.model.has_obstacles => CLEAR * self.model.base,
+            On::Support(_) | On::Ball => 0.0,
+        }
+    }
+
+    /// The distance that a vertex keeps from a body [m].
+    fn kept(&self, key: (On, u32)) -> f64 {
+        self.clear(key.0) + self.apart.get(&key).unwrap_or(&0.0)
     }
 
     /// Free vertices of the lower layer.
@@ -171,20 +199,31 @@ impl<'a> Detector<'a> {
         max_or_nan((0..self.implants.len()).map(inside).chain([near]))
     }
 
-    /// Increases the offset of contacts that are too deep by their depth, and reduces offsets that
-    /// are too great. Returns true if any contact that can be offset is too deep.
-    pub fn lift(&mut self, x: &[Point3<f64>]) -> bool {
+    /// Increases the offset of contacts that are too deep by their depth, and the distance that
+    /// contacts of `crossed` vertices keep. Reduces offsets that are too great. Returns true if any
+    /// contact was too deep or of a crossed vertex.
+    pub fn lift(&mut self, x: &[Point3<f64>], crossed: &BTreeSet<u32>) -> bool {
         let deep = LIFTED * deepest(self.model.base);
         let mut any = false;
         for touch in self.touching(x).touches {
             let (Some(gap), key) = (touch.gap(x), (touch.on, touch.vertex)) else {
                 continue;
             };
-            any |= -gap > deep;
-            if -gap > deep || self.lifts.contains_key(&key) {
+            let (clear, over) = (self.clear(touch.on), gap - self.kept(key));
+            let is_deep = -gap > deep;
+            if is_deep || self.lifts.contains_key(&key) {
                 let lift = self.lifts.entry(key).or_insert(0.0);
-                *lift = (*lift - gap).max(0.0);
+                *lift = (*lift - if is_deep { gap } else { over.max(0.0) }).max(0.0);
             }
+            let is_near = clear > 0.0 && over < 2.0 * self.soft;
+            let is_crossed = is_near && touch.corners().iter().any(|v| crossed.contains(v));
+            if is_crossed {
+                let apart = self.apart.entry(key).or_insert(0.0);
+                *apart = (2.0 * *apart)
+                    .max(*apart + over + STEP * clear)
+                    .max(STEP * clear);
+            }
+            any |= is_deep || is_crossed;
         }
         any
     }

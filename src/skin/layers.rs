@@ -5,8 +5,10 @@ use nalgebra::{Point3, Vector3};
 use super::SkinError;
 use super::region::Region;
 use super::settle::Stiffness;
+use crate::constraints::Bending;
 use crate::constraints::distance::Distance;
 use crate::mesh::{Topology, TriangleMesh};
+use crate::solvers::stiffness::hinges;
 
 /// Poisson's ratio for which springs along edges represent a membrane \[vangelder1998\].
 const NU: f64 = 1.0 / 3.0;
@@ -17,6 +19,9 @@ const LEAST: f64 = 0.05;
 
 /// Stiffness of a diagonal between the layers relative to that of its edge in one layer.
 const THROUGH: f64 = 0.5;
+
+/// Flexural rigidity of hinges over their bending stiffness (`docs/verification.md`).
+const HINGED: f64 = 3.0;
 
 /// Material of the skin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +59,11 @@ impl Tissue {
     /// In-plane stiffness E t [N/m].
     pub fn membrane(&self) -> f64 {
         self.modulus * self.thickness
+    }
+
+    /// Flexural rigidity E t^3 / 12 (1 - nu^2) [N m].
+    pub fn rigidity(&self) -> f64 {
+        self.membrane() * self.thickness * self.thickness / (12.0 * (1.0 - NU * NU))
     }
 }
 
@@ -109,6 +119,10 @@ pub struct Layers {
     pub springs: Vec<Distance>,
     /// Stiffness of each spring [N/m].
     pub stiffness: Stiffness,
+    /// Hinges of both layers with a free corner.
+    pub hinges: Vec<Bending>,
+    /// Stiffness of each hinge [N m].
+    pub bending: Stiffness,
     /// Median edge [m].
     pub edge: f64,
 }
@@ -147,6 +161,17 @@ impl Layers {
             springs.extend([above.0[e], low, across(a, b), across(b, a)]);
             stiffness.extend([above.1[e], under.1[e], through, through]);
         }
+        let (mut bends, mut bending) = (Vec::new(), Vec::new());
+        for (mesh, first) in [(upper, 0), (&lower, n)] {
+            let (hinges, stiffness) = hinges(mesh, &topology, tissue.rigidity() / HINGED);
+            for (hinge, stiffness) in hinges.into_iter().zip(stiffness) {
+                if !hinge.points.iter().all(|v| rim[*v as usize]) {
+                    let points = hinge.points.map(|v| v + first);
+                    bends.push(Bending { points, ..hinge });
+                    bending.push(stiffness);
+                }
+            }
+        }
         let edge = upper.median_edge_length(&topology).unwrap_or(0.0);
         let rest = upper
             .vertices
@@ -160,6 +185,8 @@ impl Layers {
             held: [rim.clone(), rim].concat(),
             springs,
             stiffness,
+            hinges: bends,
+            bending,
             edge,
         }
     }
@@ -167,12 +194,15 @@ impl Layers {
     /// No skin: for an implant alone with edges of about `edge` [m].
     pub fn none(edge: f64) -> Self {
         let (triangles, rest, held, springs, stiffness) = Default::default();
+        let (hinges, bending) = Default::default();
         Self {
             triangles,
             rest,
             held,
             springs,
             stiffness,
+            hinges,
+            bending,
             edge,
         }
     }

@@ -7,12 +7,14 @@
 //! the energy \[`settle`\].
 //!
 //! *Limitations.* Skin is elastic and isotropic, without tension at rest; it does not grow during
-//! the computation (predictions of growth use published ratios, [`areas`]). There is no friction
-//! and no self-contact of skin.
+//! the computation (predictions of growth use published ratios, [`areas`]). There is no friction,
+//! and skin is not pushed away from itself: its crossings are counted \[`Soundness`\].
 
 pub(crate) mod areas;
 pub(crate) mod ball;
+mod bending;
 pub(crate) mod coarse;
+mod collapse;
 pub(crate) mod contact;
 mod detector;
 pub(crate) mod envelope;
@@ -29,6 +31,7 @@ pub(crate) mod region;
 pub(crate) mod settle;
 pub(crate) mod shapes;
 mod solve_for_area;
+pub(crate) mod soundness;
 mod start;
 pub(crate) mod support_surface;
 pub(crate) mod thickness;
@@ -42,6 +45,7 @@ pub use layers::{Layers, Tissue};
 pub use plan::{ImplantPlace, PreparedPatch, Shell};
 pub use region::frame;
 pub use settle::{SettleMethod, SettleProgress, deepest};
+pub use soundness::{Defects, STEEPEST_FOLD, Soundness};
 pub use together::{Group, grouped};
 pub use whole::Whole;
 

@@ -442,6 +442,7 @@ pub fn over_ball(
         membrane,
         implants: Vec::new(),
         supports: Vec::new(),
+        has_obstacles: false,
         ball: Some((centre, radius)),
         base: 2.0 * radius,
         method,

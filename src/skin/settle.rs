@@ -5,14 +5,19 @@
 //! decreases with contact as found at the new positions. The rounds end when nothing moves or the
 //! energy no longer decreases. An active plane then contains the nearest point itself.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Point3;
 
 use super::SkinError;
+use super::bending::bending;
+use super::collapse::collapse;
 use super::contact::Touching;
 pub use super::detector::deepest;
 use super::detector::{Detector, PENALTY};
 use super::envelope::envelope;
 use super::layers::Layers;
+use super::soundness::crossings;
 use super::support_surface::SupportSurface;
 use super::thickness::{Thickness, thickness};
 use crate::constraints::distance::Distance;
@@ -62,7 +67,7 @@ const SHORTEST: f64 = 1.0 / 64.0;
 const TOLERANCE: f64 = 1e-5;
 
 /// Greatest number of increases of the contact offsets at equilibrium.
-const LIFTS: u32 = 8;
+const LIFTS: u32 = 10;
 
 /// Greatest number of rounds, also after each increase of the offsets, and of iterations in each.
 const ROUNDS: u32 = 80;
@@ -106,6 +111,8 @@ pub struct SkinSystem {
     pub implants: Vec<FilledImplant>,
     /// Surfaces that support the lower layer and the implants.
     pub supports: Vec<SupportSurface>,
+    /// True if the supports are obstacles; otherwise they are the lower layer at the start.
+    pub has_obstacles: bool,
     /// A rigid sphere under the lower layer: centre and radius [m].
     pub ball: Option<(Point3<f64>, f64)>,
     /// Base length of the smallest implant, the length scale of the tolerances [m].
@@ -167,7 +174,7 @@ struct Path {
 impl Path {
     fn new(detector: &mut Detector, x: &[Point3<f64>], start: &[Point3<f64>], leash: f64) -> Self {
         let touching = detector.touching(x);
-        let energy = detector.model.energy(&touching, start);
+        let energy = detector.model.energy(&touching, start, x);
         let value = energy.value(x);
         Self {
             energy,
@@ -403,7 +410,8 @@ impl SkinSystem {
         )
     }
 
-    fn energy(&self, touching: &Touching, start: &[Point3<f64>]) -> Energy {
+    /// The energy with contacts as found at `x`.
+    fn energy(&self, touching: &Touching, start: &[Point3<f64>], x: &[Point3<f64>]) -> Energy {
         let mut energy = Energy::default();
         energy.elastic.push(Box::new(Quadratic::new(
             self.layers.springs.clone(),
@@ -411,6 +419,11 @@ impl SkinSystem {
         )));
         if self.layers.count() > 0 {
             energy.elastic.push(Box::new(self.thickness()));
+        }
+        if self.ball.is_none() && !self.layers.hinges.is_empty() {
+            energy.elastic.push(Box::new(bending(&self.layers, x)));
+            let facets = collapse(&self.layers, self.membrane);
+            energy.elastic.push(Box::new(facets));
         }
         for implant in &self.implants {
             let alone = self.layers.springs.is_empty();
@@ -450,20 +463,60 @@ impl SkinSystem {
     ) -> Result<(SettleProgress, Vec<f64>), SkinError> {
         self.fill(x)?;
         let mut descent = Descent::new(self);
-        for _ in 0..=LIFTS {
+        for lifted in 0..=LIFTS {
             descent.rounds(x, &mut watch)?;
             let progress = &mut descent.progress;
             progress.depth = descent.detector.depth(x);
             let deep = !(progress.depth <= deepest(self.base));
-            if !progress.converged || !deep {
+            if !progress.converged {
+                break;
+            }
+            let crossed = self.crossed(x);
+            if !deep && (crossed.is_empty() || lifted == LIFTS) {
                 break;
             }
             progress.converged = false;
-            if !descent.detector.lift(x) {
+            if !descent.detector.lift(x, &crossed) {
+                progress.converged = !deep;
                 break;
             }
         }
         Ok((descent.progress, descent.pressures))
+    }
+
+    /// The vertices of triangles of the lower layer and of implants that cross each other, or an
+    /// obstacle.
+    fn crossed(&self, x: &[Point3<f64>]) -> BTreeSet<u32> {
+        let n = self.layers.count();
+        let mut bodies = vec![(n, x.get(n..2 * n).unwrap_or(&[]), &self.layers.triangles)];
+        for (implant, first) in self.implants.iter().zip(self.firsts()) {
+            let first = first as usize;
+            let own = first..first + implant.mesh.vertices.len();
+            bodies.push((first, &x[own], &implant.mesh.triangles));
+        }
+        let mut all = BTreeSet::new();
+        let mut add = |first: usize, corners: [u32; 3]| {
+            all.extend(corners.map(|v| v + first as u32));
+        };
+        for (k, one) in bodies.iter().enumerate() {
+            for other in &bodies[k + 1..] {
+                let found = crossings((one.1, one.2), Some((other.1, other.2)));
+                for [s, t] in found.pairs {
+                    add(one.0, one.2[s as usize]);
+                    add(other.0, other.2[t as usize]);
+                }
+            }
+            for support in self.supports.iter().filter(|_| self.has_obstacles) {
+                let mesh = support.mesh();
+                let found = crossings((one.1, one.2), Some((&mesh.vertices, &mesh.triangles)));
+                for [s, _] in found.pairs {
+                    add(one.0, one.2[s as usize]);
+                }
+            }
+        }
+        // What is held lies where it lay.
+        all.retain(|v| !self.layers.held.get(*v as usize).copied().unwrap_or(false));
+        all
     }
 
     /// Area of the upper layer [m^2].

@@ -204,6 +204,7 @@ impl PreparedPatch {
             membrane: self.order.tissue.membrane(),
             implants,
             supports,
+            has_obstacles: !self.obstacles.is_empty(),
             ball: None,
             base: self
                 .sites()

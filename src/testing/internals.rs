@@ -142,6 +142,7 @@ pub mod skin {
     pub use crate::skin::layers::springs_of;
     pub use crate::skin::plan::over_ball;
     pub use crate::skin::settle::{FilledImplant, SkinSystem};
+    pub use crate::skin::soundness::MovedSurface;
     pub use crate::skin::support_surface::SupportSurface;
 }
 

@@ -244,6 +244,7 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (SkinSystem, SettleProgre
             SupportSurface::new(sheet(4, 0.2)),
             SupportSurface::new(ball),
         ],
+        has_obstacles: false,
         ball: None,
         base: 0.02,
         method: SettleMethod::Newton,

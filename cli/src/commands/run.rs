@@ -18,7 +18,7 @@ use super::options::Output;
 use super::progress::{Bar, if_raised};
 use super::{DONE, FAILED, INTERRUPTED, environment, note, resume, warn};
 use crate::report::folder::Folder;
-use crate::report::output::RunOutput;
+use crate::report::output::{RunOutput, SceneRun};
 use crate::report::results::Results;
 use crate::report::run::Finished;
 use pliant::accuracy::{self, Chosen, StudyError};
@@ -178,7 +178,10 @@ fn exit_code(output: &RunOutput<'_>, strict: bool) -> u8 {
     // Without --strict a frame of muscles may miss the tolerance.
     let must_converge = strict || output.kind != "muscles";
     let run = output.scene.as_ref();
-    let failed = run.is_none_or(|run| run.stopped.is_some() || must_converge && !run.converged);
+    // Skin at rest may cross itself.
+    let unsound = output.kind == "skin" && !output.passed();
+    let ended = |run: &SceneRun| run.stopped.is_some() || must_converge && !run.converged;
+    let failed = unsound || run.is_none_or(ended);
     match (output.interrupted, failed) {
         (true, _) => INTERRUPTED,
         (false, true) => FAILED,

@@ -11,7 +11,8 @@ use pliant::mesh::{TriangleMesh, shapes};
 use pliant::scene::{FillCourse, ImplantFill, SkinScene, Support};
 use pliant::simulation::{SkinMeasures, SkinPart, SkinRun};
 use pliant::skin::{
-    Areas, CAVEATS, GROWN_SOURCE, ImplantSpec, Inserted, RETRACTED_SOURCE, deepest,
+    Areas, CAVEATS, Defects, GROWN_SOURCE, ImplantSpec, Inserted, RETRACTED_SOURCE, STEEPEST_FOLD,
+    Soundness, deepest,
 };
 use pliant_render::PictureError;
 
@@ -103,10 +104,71 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
         let deep = max_or_nan(part.frames.iter().map(|f| f.progress.depth));
         let name = "depth of bodies in each other";
         say(Verdict::at_most(name, deep, deepest(base)).in_unit("m"));
+        if matches!(run.scene.under, Support::Implants(_)) {
+            for verdict in sound(part) {
+                all.push(verdict);
+            }
+        }
+        let mut say = |verdict: Verdict| all.push(verdict.at(part.name.as_str()));
         if let Some(off) = volume_error(run, part) {
             let name = "relative error of the implant's volume";
             say(Verdict::at_most(name, off, VOLUME_HELD));
         }
+    }
+    all
+}
+
+/// Verdicts on crossings and folds in all frames of a part, each with the place of the first.
+fn sound(part: &SkinPart) -> Vec<Verdict> {
+    let room = "make the volume smaller or the base larger, or choose a place with more room";
+    let kinds: [(&str, fn(&Soundness) -> &Defects); 3] = [
+        ("crossings of the skin with itself", |s| &s.itself),
+        ("crossings of skin and implants", |s| &s.implants),
+        ("crossings with obstacles", |s| &s.obstacles),
+    ];
+    let at = |frame: usize, defects: &Defects| match defects.place {
+        Some(p) => {
+            let [x, y, z] = [p.x, p.y, p.z].map(|c| pliant::format::number(c * 1e3));
+            format!("{}, frame {frame}, at ({x}, {y}, {z}) mm", part.name)
+        }
+        None => part.name.clone(),
+    };
+    let mut all = Vec::new();
+    for (name, of) in kinds {
+        let counts = part.frames.iter().map(|f| {
+            let count = of(&f.soundness).count as f64;
+            // Pairs that were not tested are no pairs without a crossing.
+            (
+                f,
+                if f.soundness.complete {
+                    count
+                } else {
+                    f64::NAN
+                },
+            )
+        });
+        let first = counts.clone().find(|(_, count)| !(*count <= 0.0));
+        let place = first.map_or_else(|| part.name.clone(), |(f, _)| at(f.frame, of(&f.soundness)));
+        let most = max_or_nan(counts.map(|(_, count)| count));
+        all.push(Verdict::at_most(name, most, 0.0).at(place).else_do(room));
+    }
+    let steepest = part.frames.iter().max_by(|a, b| {
+        let [a, b] = [a, b].map(|f| f.soundness.greatest_fold);
+        a.total_cmp(&b)
+    });
+    if let Some(f) = steepest {
+        let (angle, limit) = (f.soundness.greatest_fold, STEEPEST_FOLD);
+        let verdict = Verdict::at_most(
+            "greatest fold of the skin",
+            angle.to_degrees(),
+            limit.to_degrees(),
+        );
+        let place = if verdict.passed {
+            part.name.clone()
+        } else {
+            at(f.frame, &f.soundness.folds)
+        };
+        all.push(verdict.in_unit("degrees").at(place).else_do(room));
     }
     all
 }
@@ -304,6 +366,7 @@ fn json_of_region(part: &SkinPart) -> Value {
     let (ready, last) = (&part.ready, part.frames.last());
     let areas = part.areas_at(last.map_or(0, |f| f.frame));
     let progress = last.map(|f| f.progress).unwrap_or_default();
+    let sound = last.map(|f| f.soundness).unwrap_or_default();
     let own = json!({
         "name": part.name,
         "edge_m": ready.layers.edge,
@@ -311,6 +374,14 @@ fn json_of_region(part: &SkinPart) -> Value {
         "rest_by": progress.rest_by(),
         "area_gain_uncertainty_m2": part.now.as_ref().and_then(Inserted::gain_uncertainty),
         "penetration_m": progress.depth,
+        "crossings": {
+            "skin": sound.itself.count,
+            "implants": sound.implants.count,
+            "obstacles": sound.obstacles.count,
+            "complete": sound.complete,
+        },
+        "fold_max_deg": sound.greatest_fold.to_degrees(),
+        "folds_over_limit": sound.folds.count,
         "rounds": progress.rounds,
         "region": {
             "vertices": 2 * ready.layers.count(),
@@ -417,6 +488,13 @@ mod tests {
     use pliant::scene::builtin::load_content;
     use pliant::simulation::Stepped;
 
+    fn defect() -> Defects {
+        Defects {
+            count: 1,
+            place: Some(nalgebra::Point3::new(0.001, 0.002, 0.003)),
+        }
+    }
+
     #[test]
     fn a_filling_that_is_not_at_rest_fails_and_far_stretched_skin_does_not() {
         let list = "[{ frame = 1, volume = \"40 cc\" }, { frame = 2, volume = \"60 cc\" }]";
@@ -442,6 +520,38 @@ mod tests {
         assert!(passed && found.contains("stretched beyond 1.01"), "{found}");
         assert!(measures["area_over_limit_m2"].as_f64() > Some(1e-4));
         assert_eq!(measures["curve"].as_array().map(Vec::len), Some(2));
+        assert!(run.parts[0].frames.iter().all(|f| f.soundness.is_sound()));
+        assert_eq!(measures["implants"][0]["crossings"]["implants"], 0);
+        // Every defect of any frame fails, with its place.
+        let bad: [(&str, fn(&mut Soundness)); 5] = [
+            ("crossings of the skin with itself", |s| s.itself = defect()),
+            ("crossings of skin and implants", |s| s.implants = defect()),
+            ("crossings with obstacles", |s| s.obstacles = defect()),
+            ("greatest fold of the skin", |s| {
+                (s.folds, s.greatest_fold) = (defect(), 1.01 * STEEPEST_FOLD);
+            }),
+            ("greatest fold of the skin", |s| s.greatest_fold = f64::NAN),
+        ];
+        for (name, spoil) in bad {
+            let kept = run.parts[0].frames[0].soundness;
+            spoil(&mut run.parts[0].frames[0].soundness);
+            let failed: Vec<Verdict> = verdicts(&run).into_iter().filter(|v| !v.passed).collect();
+            let [verdict] = &failed[..] else {
+                panic!("{name}: {failed:?}")
+            };
+            assert_eq!(verdict.name, name);
+            let place = verdict.place.as_deref().unwrap_or_default();
+            assert!(place.contains("frame 1"), "{place}");
+            assert!(verdict.value.is_some_and(f64::is_nan) || place.contains("(1, 2, 3) mm"));
+            assert!(verdict.what_to_do.is_some());
+            run.parts[0].frames[0].soundness = kept;
+        }
+        run.parts[0].frames[0].soundness.complete = false;
+        assert!(
+            verdicts(&run).iter().any(|v| !v.passed),
+            "not all pairs were tested"
+        );
+        run.parts[0].frames[0].soundness.complete = true;
         run.parts[0].frames[0].progress.converged = false;
         run.scene.skin.stretch_limit = 9.0;
         let (passed, found, measures) = of(&run);

@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use pliant::contact::Surface;
 use pliant::mesh::{Topology, TriangleMesh};
+use pliant::simulation::{Audit, AuditedSurface};
 use pliant::skin::{
     BaseShape, ImplantPlace, ImplantSpec, Inserted, PreparedPatch, SkinError, Whole, insert,
 };
+use pliant::testing::internals::skin::MovedSurface;
 
 /// A mesh of the data set in metres; `None`, with a printed message, where it is missing.
 fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
@@ -203,4 +205,63 @@ fn a_face_takes_an_implant_where_it_is_flat_enough() {
     let error = insert(&face, &nose, &[], |_| true).expect_err("no place for it");
     assert!(matches!(error, SkinError::TooCurved { .. }), "{error}");
     assert!(error.help().contains("flatter place"));
+}
+
+/// The greatest fold of both layers that was not there before [degrees].
+fn fold(ready: &PreparedPatch, x: &[Point3<f64>]) -> f64 {
+    let (n, rest) = (ready.layers.count(), &ready.layers.rest);
+    let steepest = |own: std::ops::Range<usize>| {
+        let moved = MovedSurface {
+            before: &rest[own.clone()],
+            after: &x[own],
+            triangles: &ready.layers.triangles,
+        };
+        moved.folds().1.to_degrees()
+    };
+    steepest(0..n).max(steepest(n..2 * n))
+}
+
+/// The audit reads positions alone.
+fn crossings(ready: &PreparedPatch, done: &Inserted) -> usize {
+    let (n, triangles) = (ready.layers.count(), &ready.layers.triangles);
+    let shell = &done.shells[0];
+    let surface = |name, vertices, triangles| AuditedSurface {
+        name,
+        rigid: false,
+        vertices,
+        triangles,
+        held: &[],
+    };
+    let surfaces = [
+        surface("upper", &done.x[..n], &triangles[..]),
+        surface("lower", &done.x[n..2 * n], triangles),
+        surface("implant", done.shell_at(shell), &shell.triangles),
+    ];
+    Audit::new().frame(&surfaces).crossings.all
+}
+
+#[test]
+fn high_implants_neither_fold_nor_cross_the_skin() {
+    let Some(body) = read("body/body_quads.obj", 0.1) else {
+        return;
+    };
+    let at = |x, y, z| ImplantPlace::Point(Point3::new(x, y, z));
+    let mut shoulder = ImplantSpec::round(at(0.19, 0.5, 0.04), 0.06, 60e-6);
+    shoulder.implant.shape = BaseShape::Crescent;
+    let Some(face) = read("fran_cut.vtk", 1.0) else {
+        return;
+    };
+    let cheek = ImplantSpec::round(ImplantPlace::Vertex(2000), 0.02, 4e-6);
+    for (skin, order) in [(&body, shoulder), (&face, cheek)] {
+        let (ready, done) = settled(skin, &order, &[]);
+        assert_eq!(crossings(&ready, &done), 0);
+        let angle = fold(&ready, &done.x);
+        assert!(angle <= 90.0, "{angle} degrees");
+        // Control: an implant that is raised into the skin crosses it.
+        let mut raised = done.clone();
+        let up = ready.frame * nalgebra::Vector3::z() * (0.02 * order.implant.base);
+        let first = 2 * ready.layers.count();
+        raised.x[first..].iter_mut().for_each(|p| *p += up);
+        assert!(crossings(&ready, &raised) > 0);
+    }
 }
