@@ -147,7 +147,8 @@ impl Series {
     fn checked(self, path: &Path, rigid: &[String]) -> Result<Self, Failure> {
         let shown = path.display();
         let Some(first) = self.frames.first().filter(|first| !first.is_empty()) else {
-            let formats: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
+            let mut formats: Vec<&str> = FORMATS.iter().map(|f| f.name).collect();
+            formats.dedup();
             return Err(Failure::usage(
                 format!("{shown} has no surfaces"),
                 format!(
