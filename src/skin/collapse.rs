@@ -50,13 +50,13 @@ pub fn collapse(layers: &Layers, membrane: f64) -> Facets {
     Stencils::new("area of the skin", facets)
 }
 
+/// Numbers of w, and derivatives of the share of the area.
+type Pressed = ((f64, f64, f64), [Vector3<f64>; 3]);
+
 impl Facet {
     /// Energy, force and second derivative of w, with the derivatives of the share of the area
     /// [1/m]; `None` if the triangle does not resist, or has no direction.
-    fn pressed(
-        &self,
-        [a, b, c]: &[Point3<f64>; 3],
-    ) -> Option<((f64, f64, f64), [Vector3<f64>; 3])> {
+    fn pressed(&self, [a, b, c]: &[Point3<f64>; 3]) -> Option<Pressed> {
         let twice = (b - a).cross(&(c - a));
         let w = law(0.5 * twice.norm() / self.area - MIDDLE, FIRST - MIDDLE);
         if !(w.1 > 0.0) {

@@ -94,12 +94,12 @@ pub struct MovedSurface<'a> {
     pub triangles: &'a [[u32; 3]],
 }
 
+/// Positions and triangles of a surface.
+type Placed<'a> = (&'a [Point3<f64>], &'a [[u32; 3]]);
+
 /// The crossings of one surface, or of two, with these positions.
-pub(super) fn crossings(
-    first: (&[Point3<f64>], &[[u32; 3]]),
-    second: Option<(&[Point3<f64>], &[[u32; 3]])>,
-) -> Crossings {
-    let flat = |(x, triangles): (&[Point3<f64>], &[[u32; 3]])| -> Vec<bool> {
+pub(super) fn crossings(first: Placed<'_>, second: Option<Placed<'_>>) -> Crossings {
+    let flat = |(x, triangles): Placed<'_>| -> Vec<bool> {
         let corners = |t: &[u32; 3]| t.map(|v| x[v as usize]);
         triangles.iter().map(|t| is_flat(&corners(t))).collect()
     };
@@ -175,11 +175,10 @@ impl<'a> MovedSurface<'a> {
     /// the greatest angle [rad]; only edges that are folded further than before count.
     pub fn folds(&self) -> (Defects, f64) {
         let mut sides: BTreeMap<[u32; 2], Vec<usize>> = BTreeMap::new();
+        let mut is_changed = Vec::with_capacity(self.triangles.len());
         for (t, corners) in self.triangles.iter().enumerate() {
             let changed = |v: &u32| self.before[*v as usize] != self.after[*v as usize];
-            if !corners.iter().any(changed) {
-                continue;
-            }
+            is_changed.push(corners.iter().any(changed));
             for k in 0..3 {
                 let (a, b) = (corners[k], corners[(k + 1) % 3]);
                 sides.entry([a.min(b), a.max(b)]).or_default().push(t);
@@ -188,6 +187,10 @@ impl<'a> MovedSurface<'a> {
         let (mut found, mut greatest) = (Defects::default(), 0.0);
         for (side, triangles) in sides {
             let [s, t] = triangles[..] else { continue };
+            // One of them may lie outside of what moves.
+            if !is_changed[s] && !is_changed[t] {
+                continue;
+            }
             let angle = |x: &[Point3<f64>]| {
                 let [n, m] = [s, t].map(|t| self.normal(t, x));
                 libm::atan2(n.cross(&m).norm(), n.dot(&m))
