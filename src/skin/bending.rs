@@ -1,27 +1,35 @@
 //! Resistance of each layer of skin to bending: without it, pressed skin folds at the length of an
 //! edge, whatever that length is.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use nalgebra::{Point3, Vector3};
 
 use super::layers::Layers;
-use crate::constraints::stencil::Blocks;
+use crate::constraints::stencil::{Blocks, at};
 use crate::constraints::{Bending, Constraint, Stencil, Stencils};
 
+/// Angle [rad] towards which the resistance of a hinge grows without bound: 110 degrees.
+const STEEPEST: f64 = 110.0 * PI / 180.0;
+
 /// Greatest angle [rad] of the law; beyond it the law goes on with its last stiffness, so that a
-/// hinge that begins folded through itself unfolds.
-const FOLDED: f64 = 2.6;
+/// hinge that begins folded unfolds.
+const FOLDED: f64 = 95.0 * PI / 180.0;
 
 /// Height of a triangle over a hinge, relative to that at rest, below which the hinge is weaker.
 const LEVER: f64 = 0.2;
 
-/// A hinge of a layer: energy k (2 tan(C/2))^2 / 2 for the change C of its angle. 2 tan(C/2) over
-/// the length beside the hinge is the curvature of the circle that touches both triangles there; it
-/// is C for small angles, and grows without bound towards a fold through itself.
+/// A hinge of a layer: energy k (tan(p C)/p)^2 / 2 for the change C of its angle, where p C is a
+/// right angle for C = [`STEEPEST`]. For small angles it is that of a plate, k C^2 / 2. Two
+/// triangles cannot show how skin of some thickness bends sharply; the growth towards a limit
+/// spreads a sharp bend over several edges.
 #[derive(Clone, Copy, Debug)]
 pub struct Hinge {
     bend: Bending,
     /// k [J].
     stiffness: f64,
+    /// The corner beyond the hinge [m], if it is no vertex of the layers.
+    beyond: Option<Point3<f64>>,
 }
 
 /// The hinges of both layers.
@@ -30,17 +38,50 @@ pub type Hinges = Stencils<Hinge, 4>;
 /// The hinges of both layers, next to positions `x` [m]. A triangle that is pressed flat against an
 /// edge gives its hinge no lever, and the hinge is as weak as the square of its height.
 pub fn bending(layers: &Layers, x: &[Point3<f64>]) -> Hinges {
-    let hinge = |(&bend, &stiffness): (&Bending, &f64)| {
-        let [now, rest] = [x, &layers.rest].map(|x| heights(bend.points.map(|v| x[v as usize])));
+    let hinge = |hinge: &Hinge| {
+        let heights = |x| heights(hinge.corners(&at(hinge.points(), x)));
+        let (now, rest) = (heights(x), heights(&layers.rest));
         let share = |k: usize| (now[k] / (LEVER * rest[k])).min(1.0);
         let least = share(0).min(share(1));
         Hinge {
-            bend,
-            stiffness: stiffness * least * least,
+            stiffness: hinge.stiffness * least * least,
+            ..*hinge
         }
     };
-    let each = layers.hinges.iter().zip(&layers.bending);
-    Stencils::new("bending of the skin", each.map(hinge).collect())
+    let each = layers.hinges.iter().map(hinge);
+    Stencils::new("bending of the skin", each.collect())
+}
+
+impl Hinge {
+    /// A hinge with a stiffness [J].
+    pub fn new(bend: Bending, stiffness: f64) -> Self {
+        Self {
+            bend,
+            stiffness,
+            beyond: None,
+        }
+    }
+
+    /// The same with a fixed last corner [m]; the last of its points is then another one of them.
+    pub fn beside(self, corner: Point3<f64>) -> Self {
+        Self {
+            beyond: Some(corner),
+            ..self
+        }
+    }
+
+    fn corners(&self, x: &[Point3<f64>; 4]) -> [Point3<f64>; 4] {
+        [x[0], x[1], x[2], self.beyond.unwrap_or(x[3])]
+    }
+
+    /// The angle with its derivatives with respect to the points.
+    fn bent(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
+        let (angle, mut gradient) = self.bend.value_and_gradient(&self.corners(x))?;
+        if self.beyond.is_some() {
+            gradient[3] = Vector3::zeros();
+        }
+        Some((angle, gradient))
+    }
 }
 
 /// Heights of the two triangles of a hinge over their common edge [m].
@@ -51,13 +92,13 @@ fn heights([a, b, c, d]: [Point3<f64>; 4]) -> [f64; 2] {
 
 /// Energy, moment and stiffness of a hinge of unit stiffness that is bent by `angle` [rad].
 fn law(angle: f64) -> (f64, f64, f64) {
-    let inside = angle.clamp(-FOLDED, FOLDED);
-    let tangent = libm::tan(0.5 * inside);
+    let (inside, p) = (angle.clamp(-FOLDED, FOLDED), FRAC_PI_2 / STEEPEST);
+    let tangent = libm::tan(p * inside);
     let square = 1.0 + tangent * tangent;
-    let moment = 2.0 * tangent * square;
+    let moment = tangent * square / p;
     let stiffness = square * (1.0 + 3.0 * tangent * tangent);
     let beyond = angle - inside;
-    let energy = 2.0 * tangent * tangent + (moment + 0.5 * stiffness * beyond) * beyond;
+    let energy = 0.5 * tangent * tangent / (p * p) + (moment + 0.5 * stiffness * beyond) * beyond;
     (energy, moment + stiffness * beyond, stiffness)
 }
 
@@ -67,7 +108,7 @@ impl Stencil<4> for Hinge {
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
-        let (angle, gradient) = self.bend.value_and_gradient(x)?;
+        let (angle, gradient) = self.bent(x)?;
         let (energy, moment, _) = law(angle);
         let force = self.stiffness * moment;
         Some((self.stiffness * energy, gradient.map(|g| g * force)))
@@ -76,14 +117,14 @@ impl Stencil<4> for Hinge {
     /// Without the second derivative of the angle: bending is weak beside tension, and the
     /// remaining part is convex.
     fn hessian(&self, x: &[Point3<f64>; 4], _: bool) -> Option<Blocks<4>> {
-        let (angle, gradient) = self.bend.value_and_gradient(x)?;
+        let (angle, gradient) = self.bent(x)?;
         let k = self.stiffness * law(angle).2;
         Some(gradient.map(|g| gradient.map(|h| g * h.transpose() * k)))
     }
 
     /// A third: it holds in one direction of three.
     fn scalar_hessian(&self, x: &[Point3<f64>; 4]) -> Option<[[f64; 4]; 4]> {
-        let (angle, gradient) = self.bend.value_and_gradient(x)?;
+        let (angle, gradient) = self.bent(x)?;
         let k = self.stiffness * law(angle).2 / 3.0;
         Some(gradient.map(|g| gradient.map(|h| k * g.dot(&h))))
     }
@@ -111,8 +152,7 @@ mod tests {
     fn hinge() -> Layers {
         Layers {
             rest: turned(0.0),
-            hinges: vec![Bending::new([0, 1, 2, 3], 0.0)],
-            bending: vec![3.0],
+            hinges: vec![Hinge::new(Bending::new([0, 1, 2, 3], 0.0), 3.0)],
             ..Layers::none(1.0)
         }
     }
@@ -120,7 +160,7 @@ mod tests {
     #[test]
     fn forces_are_the_slope_of_the_energy() {
         let layers = hinge();
-        for angle in [0.0, 0.3, -1.2, 2.2, 2.9, -3.0] {
+        for angle in [0.0, 0.3, -1.2, 1.6, 2.9, -3.0] {
             let x = turned(angle);
             let hinges = bending(&layers, &x);
             let mut gradient = vec![Vector3::zeros(); 4];
@@ -154,8 +194,26 @@ mod tests {
         };
         // k C^2 / 2, but for the fourth power of C.
         assert!((energy(0.01) / (1.5 * 1e-4) - 1.0).abs() <= 1e-4);
-        assert!(energy(3.1) > 10.0 * 1.5 * 3.1 * 3.1);
+        assert!(energy(1.5) > 4.0 * 1.5 * 1.5 * 1.5 && energy(3.1) > 100.0 * 1.5 * 3.1 * 3.1);
         assert!((energy(0.7) - energy(-0.7)).abs() <= 1e-12);
+    }
+
+    #[test]
+    fn a_corner_outside_of_the_layers_bends_the_same_and_has_no_force() {
+        let (layers, x) = (hinge(), turned(0.8));
+        let bend = Bending::new([0, 1, 2, 2], 0.0);
+        let beside = Layers {
+            rest: layers.rest[..3].to_vec(),
+            hinges: vec![Hinge::new(bend, 3.0).beside(x[3])],
+            ..Layers::none(1.0)
+        };
+        let mut forces = [vec![Vector3::zeros(); 4], vec![Vector3::zeros(); 3]];
+        let energies = [
+            bending(&layers, &x).energy_and_gradient(&x, &mut forces[0]),
+            bending(&beside, &x[..3]).energy_and_gradient(&x[..3], &mut forces[1]),
+        ];
+        assert_eq!(energies[0], energies[1]);
+        assert_eq!(forces[0][..3], forces[1][..]);
     }
 
     #[test]

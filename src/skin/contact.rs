@@ -68,7 +68,7 @@ struct Gap {
 impl Touch {
     /// The vertex, and the corners of the triangle that carries the plane. Without such a triangle,
     /// the vertex replaces the corners.
-    pub(super) fn corners(&self) -> [u32; 4] {
+    fn corners(&self) -> [u32; 4] {
         match self.over {
             Over::Carried([a, b, c], ..) => [self.vertex, a, b, c],
             Over::Plane(..) | Over::Ball(..) => [self.vertex; 4],

@@ -216,7 +216,7 @@ impl<'a> Detector<'a> {
                 *lift = (*lift - if is_deep { gap } else { over.max(0.0) }).max(0.0);
             }
             let is_near = clear > 0.0 && over < 2.0 * self.soft;
-            let is_crossed = is_near && touch.corners().iter().any(|v| crossed.contains(v));
+            let is_crossed = is_near && crossed.contains(&touch.vertex);
             if is_crossed {
                 let apart = self.apart.entry(key).or_insert(0.0);
                 *apart = (2.0 * *apart)

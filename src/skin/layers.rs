@@ -1,8 +1,11 @@
 //! Skin as two layers of springs.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Point3, Vector3};
 
 use super::SkinError;
+use super::bending::Hinge;
 use super::region::Region;
 use super::settle::Stiffness;
 use crate::constraints::Bending;
@@ -120,9 +123,7 @@ pub struct Layers {
     /// Stiffness of each spring [N/m].
     pub stiffness: Stiffness,
     /// Hinges of both layers with a free corner.
-    pub hinges: Vec<Bending>,
-    /// Stiffness of each hinge [N m].
-    pub bending: Stiffness,
+    pub hinges: Vec<Hinge>,
     /// Median edge [m].
     pub edge: f64,
 }
@@ -161,14 +162,13 @@ impl Layers {
             springs.extend([above.0[e], low, across(a, b), across(b, a)]);
             stiffness.extend([above.1[e], under.1[e], through, through]);
         }
-        let (mut bends, mut bending) = (Vec::new(), Vec::new());
+        let mut bent = Vec::new();
         for (mesh, first) in [(upper, 0), (&lower, n)] {
             let (hinges, stiffness) = hinges(mesh, &topology, tissue.rigidity() / HINGED);
             for (hinge, stiffness) in hinges.into_iter().zip(stiffness) {
                 if !hinge.points.iter().all(|v| rim[*v as usize]) {
                     let points = hinge.points.map(|v| v + first);
-                    bends.push(Bending { points, ..hinge });
-                    bending.push(stiffness);
+                    bent.push(Hinge::new(Bending { points, ..hinge }, stiffness));
                 }
             }
         }
@@ -185,16 +185,50 @@ impl Layers {
             held: [rim.clone(), rim].concat(),
             springs,
             stiffness,
-            hinges: bends,
-            bending,
+            hinges: bent,
             edge,
+        }
+    }
+
+    /// Adds the hinges of the upper layer at its rim: with the triangles of the `skin` beside the
+    /// region, which do not move.
+    pub fn join(&mut self, skin: &TriangleMesh, region: &Region, tissue: &Tissue) {
+        let mut number = vec![None; skin.vertices.len()];
+        for (own, &v) in region.vertices.iter().enumerate() {
+            number[v as usize] = Some(own as u32);
+        }
+        let sorted = |mut corners: [u32; 3]| {
+            corners.sort_unstable();
+            corners
+        };
+        let own = region.triangles.iter();
+        let own: BTreeSet<[u32; 3]> = own.map(|&t| sorted(skin.triangles[t as usize])).collect();
+        let (all, stiffness) = hinges(skin, &Topology::new(skin), tissue.rigidity() / HINGED);
+        for (hinge, stiffness) in all.into_iter().zip(stiffness) {
+            let [a, b, c, d] = hinge.points;
+            let [first, second] = [[a, b, c], [b, a, d]].map(|t| own.contains(&sorted(t)));
+            // The angle is the same from the other side.
+            let [a, b, tip, beyond] = match (first, second) {
+                (true, false) => [a, b, c, d],
+                (false, true) => [b, a, d, c],
+                _ => continue,
+            };
+            let [Some(a), Some(b), Some(tip)] = [a, b, tip].map(|v| number[v as usize]) else {
+                continue;
+            };
+            if !self.held[tip as usize] {
+                let points = [a, b, tip, tip];
+                let hinge = Hinge::new(Bending { points, ..hinge }, stiffness);
+                self.hinges
+                    .push(hinge.beside(skin.vertices[beyond as usize]));
+            }
         }
     }
 
     /// No skin: for an implant alone with edges of about `edge` [m].
     pub fn none(edge: f64) -> Self {
         let (triangles, rest, held, springs, stiffness) = Default::default();
-        let (hinges, bending) = Default::default();
+        let hinges = Vec::new();
         Self {
             triangles,
             rest,
@@ -202,7 +236,6 @@ impl Layers {
             springs,
             stiffness,
             hinges,
-            bending,
             edge,
         }
     }

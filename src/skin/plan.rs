@@ -281,11 +281,12 @@ impl PreparedPatch {
             sites.iter().map(|s| (&s.order, &s.frame)).collect();
         let downs = downs(&region.mesh.vertices, &each);
         let tissue = sites[0].order.tissue;
-        let layers = Layers::new(
+        let mut layers = Layers::new(
             &region,
             &tissue,
             &inward(&region.mesh, &downs, tissue.depth, obstacles),
         );
+        layers.join(&patch, &region, &tissue);
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
         if free < LEAST {
             return Err(SkinError::TooCoarse { vertices: free });

@@ -179,7 +179,7 @@ fn exit_code(output: &RunOutput<'_>, strict: bool) -> u8 {
     let must_converge = strict || output.kind != "muscles";
     let run = output.scene.as_ref();
     // Skin at rest may cross itself.
-    let unsound = output.kind == "skin" && !output.passed();
+    let unsound = ["skin", "implant"].contains(&output.kind) && !output.passed();
     let ended = |run: &SceneRun| run.stopped.is_some() || must_converge && !run.converged;
     let failed = unsound || run.is_none_or(ended);
     match (output.interrupted, failed) {

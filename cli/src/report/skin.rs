@@ -120,8 +120,9 @@ fn verdicts(run: &SkinRun) -> Vec<Verdict> {
 
 /// Verdicts on crossings and folds in all frames of a part, each with the place of the first.
 fn sound(part: &SkinPart) -> Vec<Verdict> {
+    type Of = fn(&Soundness) -> &Defects;
     let room = "make the volume smaller or the base larger, or choose a place with more room";
-    let kinds: [(&str, fn(&Soundness) -> &Defects); 3] = [
+    let kinds: [(&str, Of); 3] = [
         ("crossings of the skin with itself", |s| &s.itself),
         ("crossings of skin and implants", |s| &s.implants),
         ("crossings with obstacles", |s| &s.obstacles),
@@ -523,7 +524,8 @@ mod tests {
         assert!(run.parts[0].frames.iter().all(|f| f.soundness.is_sound()));
         assert_eq!(measures["implants"][0]["crossings"]["implants"], 0);
         // Every defect of any frame fails, with its place.
-        let bad: [(&str, fn(&mut Soundness)); 5] = [
+        type Spoil = fn(&mut Soundness);
+        let bad: [(&str, Spoil); 5] = [
             ("crossings of the skin with itself", |s| s.itself = defect()),
             ("crossings of skin and implants", |s| s.implants = defect()),
             ("crossings with obstacles", |s| s.obstacles = defect()),
