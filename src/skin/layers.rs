@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Point3, Vector3};
 
 use super::SkinError;
-use super::bending::Hinge;
+use super::hinges::Hinge;
 use super::region::Region;
 use super::settle::Stiffness;
 use crate::constraints::Bending;

@@ -12,7 +12,7 @@
 
 pub(crate) mod areas;
 pub(crate) mod ball;
-mod bending;
+mod hinges;
 pub(crate) mod coarse;
 mod collapse;
 pub(crate) mod contact;

@@ -10,12 +10,12 @@ use std::collections::BTreeSet;
 use nalgebra::Point3;
 
 use super::SkinError;
-use super::bending::bending;
 use super::collapse::collapse;
 use super::contact::Touching;
 pub use super::detector::deepest;
 use super::detector::{Detector, PENALTY};
 use super::envelope::envelope;
+use super::hinges::bending;
 use super::layers::Layers;
 use super::soundness::crossings;
 use super::support_surface::SupportSurface;

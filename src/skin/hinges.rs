@@ -39,12 +39,9 @@ pub type Hinges = Stencils<Hinge, 4>;
 /// edge gives its hinge no lever, and the hinge is as weak as the square of its height.
 pub fn bending(layers: &Layers, x: &[Point3<f64>]) -> Hinges {
     let hinge = |hinge: &Hinge| {
-        let heights = |x| heights(hinge.corners(&at(hinge.points(), x)));
-        let (now, rest) = (heights(x), heights(&layers.rest));
-        let share = |k: usize| (now[k] / (LEVER * rest[k])).min(1.0);
-        let least = share(0).min(share(1));
+        let lever = hinge.lever(x, &layers.rest);
         Hinge {
-            stiffness: hinge.stiffness * least * least,
+            stiffness: hinge.stiffness * lever * lever,
             ..*hinge
         }
     };
@@ -68,6 +65,14 @@ impl Hinge {
             beyond: Some(corner),
             ..self
         }
+    }
+
+    /// The smaller height of the two triangles at positions `x` [m] in shares of [`LEVER`] of that at
+    /// rest, at most 1.
+    fn lever(&self, x: &[Point3<f64>], rest: &[Point3<f64>]) -> f64 {
+        let heights = |x| heights(self.corners(&at(self.points(), x)));
+        let (now, rest) = (heights(x), heights(rest));
+        (0..2).fold(1.0, |least, k| least.min(now[k] / (LEVER * rest[k])))
     }
 
     fn corners(&self, x: &[Point3<f64>; 4]) -> [Point3<f64>; 4] {
