@@ -14,6 +14,10 @@ const TRIALS: u32 = 16;
 /// is inconsistent.
 const NARROW: f64 = 0.01;
 
+/// A bracket narrower than this, relative to the volume, ends the search within the accuracy of areas
+/// at equilibrium.
+const NARROWEST: f64 = 1e-3;
+
 /// Least distance of the next volume from the ends of a bracket, relative to the bracket, with and
 /// without a prediction from the last two trials.
 const NEXT: f64 = 1e-3;
@@ -54,11 +58,13 @@ impl PreparedPatch {
             } else {
                 low = (volume, over)
             }
-            if high.is_some_and(|high| high.0 - low.0 <= NARROW * high.0) {
-                // The accuracy of areas at equilibrium.
-                if over.abs() <= STEADY * found.areas.deformed {
-                    return Ok(found);
-                }
+            // The accuracy of areas at equilibrium.
+            let is_steady = over.abs() <= STEADY * found.areas.deformed;
+            let is_within = |width: f64| high.is_some_and(|high| high.0 - low.0 <= width * high.0);
+            if is_steady && is_within(NARROWEST) {
+                return Ok(found);
+            }
+            if !is_steady && is_within(NARROW) {
                 // The gain jumps there: the other end comes from another branch of solutions.
                 if over > 0.0 {
                     low = (0.0, -target)
@@ -88,6 +94,11 @@ impl PreparedPatch {
                     .min(most),
                 Some(high) => within(low, high, next),
             };
+        }
+        if let Some((found, (_, over))) = last
+            && over.abs() <= STEADY * found.areas.deformed
+        {
+            return Ok(found);
         }
         Err(SkinError::Solver(format!(
             "no volume gives {:.1} cm2 after {TRIALS} trials",
