@@ -379,18 +379,20 @@ impl DescentProblem {
     }
 
     /// Shortens the step until the energy decreases by a share of the prediction from the slope.
-    /// `complete` corrects obstacles and volumes of a trial, or returns false if it cannot.
+    /// `complete` corrects obstacles and volumes of a trial, or returns false if it cannot. The slope
+    /// is that of the Lagrangian: near the minimum the slope of the energy alone is rounding errors of
+    /// the volumes.
     pub(super) fn search(
         &self,
         x: &[Point3<f64>],
-        state: &State,
+        (state, multipliers): (&State, &[f64]),
         direction: &[Vector3<f64>],
         outcome: &mut DescentOutcome,
         mut complete: impl FnMut(&mut [Point3<f64>]) -> bool,
     ) -> Option<(Vec<Point3<f64>>, State)> {
-        let soft: Vec<f64> = self.softness(&state.excess).collect();
+        let exact: Vec<f64> = self.exact(state, multipliers).collect();
         let along = |s: &State| {
-            let pressed = soft.iter().zip(&s.areas).filter(|(m, _)| **m != 0.0);
+            let pressed = exact.iter().zip(&s.areas).filter(|(m, _)| **m != 0.0);
             pressed.fold(dot(&s.gradient, direction), |sum, (m, area)| {
                 sum + m * dot(area, direction)
             })

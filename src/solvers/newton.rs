@@ -219,7 +219,9 @@ impl Relax for Descent<'_> {
         let direction;
         (direction, *multipliers) = problem.direction(state, pull, &spreads);
         let complete = |end: &mut [Point3<f64>]| problem.keep_volumes(end, &spreads);
-        let Some((end, new)) = problem.search(x, state, &direction, outcome, complete) else {
+        let Some((end, new)) =
+            problem.search(x, (state, multipliers), &direction, outcome, complete)
+        else {
             return Ok(false);
         };
         outcome.iterations += 1;

@@ -233,7 +233,7 @@ impl QuasiStatic {
     fn search(
         &mut self,
         x: &[Point3<f64>],
-        state: &State,
+        state: (&State, &[f64]),
         direction: &[Vector3<f64>],
         rows: &[ContactPlane],
         contact: &mut impl ContactFilter,
@@ -354,7 +354,9 @@ impl<G: ContactFilter> Relax for Descent<'_, G> {
             direction,
             outcome,
         } = self;
-        let Some((end, new)) = solver.search(x, state, direction, rows, *contact, outcome) else {
+        let Some((end, new)) =
+            solver.search(x, (state, multipliers), direction, rows, *contact, outcome)
+        else {
             if solver.history.is_empty() {
                 return Ok(false);
             }
