@@ -65,6 +65,11 @@ impl Surface {
         }
     }
 
+    /// True if the surface is closed and consistently oriented.
+    pub fn is_sound(&self) -> bool {
+        self.faces.is_sound()
+    }
+
     /// Positions at the last refit [m].
     pub fn positions(&self) -> &[Point3<f64>] {
         &self.faces.mesh.vertices
