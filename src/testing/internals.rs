@@ -178,7 +178,7 @@ pub mod springs {
     /// Internals of `springs::contact`.
     pub mod contact {
         pub use crate::springs::contact::edges::{
-            Crossing, Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of,
+            Crossing, Edge, EdgeOwners, Found, Sheet, crossing, crossings_of,
         };
         pub use crate::springs::contact::hierarchy::{BoundKind, Hierarchy};
         pub use crate::springs::contact::impulse::{ContactPart, impulse};
