@@ -18,9 +18,9 @@ use pliant::simulation::{Simulation, compare_contact};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
-  pliant contact hip
-  pliant contact hip --ahead 5 --json > contact.json
-  pliant contact examples/right-hip.toml --frame 20 --ahead 2
+  pliant contact press
+  pliant contact press --ahead 40 --json > contact.json
+  pliant contact examples/right-hip.toml --frame 20 --ahead 10
 
 The scene runs to --frame. Then the bones move --ahead frames at once and the muscles stay, so that bones swallow vertices. Each
 response of Cervenka (2019) is applied once to every free vertex inside a bone. The scene itself uses none of them: it keeps
@@ -34,13 +34,13 @@ method of detection. Times are measured once; on a busy machine two rows may be 
 Exit codes: 0 done; 1 no vertex is inside a bone, or an exact method has a wrong distance; 2 bad usage or input; 130 after Ctrl-C.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
-    #[arg(default_value = "hip")]
+    #[arg(default_value = "press")]
     scene: String,
     /// Frame of the muscles; 0 is the start
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=10_000_000))]
     frame: u32,
     /// Number of frames that the bones move at once
-    #[arg(long, value_name = "K", default_value_t = 10, value_parser = clap::value_parser!(u32).range(0..=10_000_000))]
+    #[arg(long, value_name = "K", default_value_t = 30, value_parser = clap::value_parser!(u32).range(0..=10_000_000))]
     ahead: u32,
     #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,

@@ -5,9 +5,9 @@ use super::schema::assert_valid;
 use super::{run, text};
 use serde_json::Value;
 
-/// Exit code and summary of a comparison on the built-in hip.
+/// Exit code and summary of a comparison on the built-in press.
 fn contact(more: &[&str]) -> (Option<i32>, Value) {
-    let done = run(&[&["contact", "hip", "--json"], more].concat());
+    let done = run(&[&["contact", "press", "--json"], more].concat());
     let summary = serde_json::from_slice(&done.stdout);
     (
         code(&done),
@@ -16,7 +16,7 @@ fn contact(more: &[&str]) -> (Option<i32>, Value) {
 }
 
 #[test]
-fn the_hip_swallows_vertices_and_each_response_has_a_row() {
+fn plates_swallow_vertices_and_each_response_has_a_row() {
     let (code, summary) = contact(&[]);
     assert_eq!(code, Some(0), "{summary:#}");
     assert_valid(&summary);
@@ -71,14 +71,14 @@ fn wrong_input_is_refused() {
 
 #[test]
 fn the_text_has_both_tables() {
-    let done = run(&["contact", "hip", "--frame", "1"]);
+    let done = run(&["contact"]);
     let said = text(&done.stdout);
     for part in [
         "vector field",
         "octree",
         "RMS motion [mm]",
         "memory [MB]",
-        "frame 1",
+        "frame 0",
     ] {
         assert!(said.contains(part), "{part}: {said}");
     }
