@@ -12,19 +12,20 @@
 
 mod measured;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use measured::{key, note, quick};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use peak_alloc::PeakAlloc;
-use pliant::contact::{Impact, Obstacle, Parts, Surface, gap, time_of_impact, truncate};
-use pliant::mesh::{Inside, Topology, TriangleMesh};
+use pliant::contact::{Impact, Parts, Surface, gap, time_of_impact, truncate};
+use pliant::mesh::{Topology, TriangleMesh};
 use pliant::testing::Draw;
-use pliant::testing::internals::contact::broad_phase::{BitGrid, Fill, METHODS, Searched};
-use pliant::testing::internals::contact::{Length, PenetrationResponse};
+use pliant::testing::internals::contact::{
+    Errors, Method, MovedBone, Prepared, Query, compare_responses, methods, queries, timed,
+};
 
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
@@ -98,22 +99,13 @@ fn quartered(mesh: &TriangleMesh) -> TriangleMesh {
     }
 }
 
-/// A vertex in the box of a bone, in one frame.
-struct Question {
-    bone: usize,
-    point: Point3<f64>,
-    /// Position one frame before.
-    before: Point3<f64>,
-    inside: bool,
-    /// Signed distance by the hierarchy of this crate [m].
-    distance: f64,
-}
-
 struct Task {
     name: &'static str,
     bones: Vec<TriangleMesh>,
     muscle: TriangleMesh,
-    questions: Vec<Question>,
+    questions: Vec<Query>,
+    /// Motion of the muscle in a frame [m].
+    step: Vector3<f64>,
     /// Largest coordinate [m].
     size: f64,
 }
@@ -135,32 +127,15 @@ impl Task {
                 topology.is_closed() && topology.is_oriented(),
                 "{name}: bone {bone} is not closed and oriented"
             );
-            let (own, inside) = (
-                Surface::new(mesh),
-                Inside::new(&mesh.vertices, &mesh.triangles),
-            );
+            let own = Surface::new(mesh);
             let bounds = mesh.bounding_box();
             size = size
                 .max(bounds.min.coords.amax())
                 .max(bounds.max.coords.amax());
             for frame in 0..FRAMES {
                 let by = path[0] + step * frame as f64;
-                for point in muscle
-                    .vertices
-                    .iter()
-                    .map(|v| v + by)
-                    .filter(|p| bounds.contains(p))
-                {
-                    let distance = own.closest(&point).expect("triangles").distance;
-                    let inside = inside.winding(&point) != 0;
-                    questions.push(Question {
-                        bone,
-                        point,
-                        before: point - step,
-                        inside,
-                        distance,
-                    });
-                }
+                let points = muscle.vertices.iter().map(|v| (v + by, v + by - step));
+                questions.extend(queries(bone, mesh, &own, points));
             }
         }
         // A shuffled order, in which any part is representative of the whole.
@@ -169,7 +144,7 @@ impl Task {
             .map(|k| (count * 618 / 1000).max(1) + k)
             .find(|s| gcd(*s, count) == 1)
             .expect("a stride");
-        let mut questions: Vec<Option<Question>> = questions.into_iter().map(Some).collect();
+        let mut questions: Vec<Option<Query>> = questions.into_iter().map(Some).collect();
         let questions = (0..count)
             .filter_map(|k| questions[k * stride % count].take())
             .collect();
@@ -178,6 +153,7 @@ impl Task {
             bones,
             muscle,
             questions,
+            step,
             size,
         }
     }
@@ -212,126 +188,29 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// One of the methods, prepared for a bone.
-enum Sorted {
-    Own(Box<Surface>),
-    Way(Box<Searched>),
-    Bits(BitGrid),
+/// All methods at all sizes of the first source, and voxels of the size `largest`.
+fn rows(largest: usize) -> Vec<Method> {
+    methods(|kind| {
+        let more = (kind.name == "voxels").then_some(largest);
+        kind.sizes.iter().copied().chain(more).collect()
+    })
 }
 
-impl Sorted {
-    fn obstacle(&self) -> &dyn Obstacle {
-        match self {
-            Self::Own(own) => &**own,
-            Self::Way(way) => &**way,
-            Self::Bits(bits) => bits,
-        }
-    }
-
-    /// Whether a vertex is nearer than [`REACH`]; for the grid of bits, whether the walk back
-    /// moves the vertex.
-    fn is_near(&self, q: &Question) -> bool {
-        match self {
-            Self::Own(own) => own.nearest(&q.point, REACH).is_some(),
-            Self::Way(way) => way.nearest(&q.point, REACH).is_some(),
-            Self::Bits(bits) => bits.walk_back(&q.before, &q.point) != Some(q.point),
-        }
-    }
-}
-
-type Sort = Box<dyn Fn(&TriangleMesh) -> Sorted>;
-
-fn rows(largest: usize) -> Vec<(String, Sort)> {
-    let mut rows: Vec<(String, Sort)> = vec![(
-        "ours".into(),
-        Box::new(|m| Sorted::Own(Box::new(Surface::new(m)))),
-    )];
-    for kind in METHODS {
-        let more = if kind.name == "voxels" {
-            vec![largest]
-        } else {
-            Vec::new()
-        };
-        for size in kind.sizes.iter().copied().chain(more) {
-            let name = if size == 0 {
-                kind.name.into()
-            } else {
-                format!("{} {size}", kind.name)
-            };
-            rows.push((
-                name,
-                Box::new(move |m| Sorted::Way(Box::new(Searched::new(m, (kind.sort)(m, size))))),
-            ));
-        }
-    }
-    for (name, fill) in [
-        ("bits 64, middles", Fill::Centre),
-        ("bits 64, touched", Fill::Touch),
-    ] {
-        rows.push((
-            name.into(),
-            Box::new(move |m| Sorted::Bits(BitGrid::new(m, 64, fill))),
-        ));
-    }
-    rows
-}
-
-/// Runs the queries until all are done or the time is up. Returns the time of a frame [ms] and
-/// the number of queries.
-fn timed(task: &Task, budget: Duration, mut ask: impl FnMut(&Question)) -> (f64, usize) {
-    let begin = Instant::now();
-    let mut asked = 0;
-    for some in task.questions.chunks(64) {
-        some.iter().for_each(&mut ask);
-        asked += some.len();
-        if begin.elapsed() > budget {
-            break;
-        }
-    }
-    let each = begin.elapsed().as_secs_f64() / asked.max(1) as f64;
-    (
-        each * 1e3 * task.questions.len() as f64 / FRAMES as f64,
-        asked,
-    )
-}
-
-/// Errors in the answers of a method.
-#[derive(Default)]
-struct Errors {
-    /// Vertices that are reported inside the bone and lie outside, and the reverse.
-    kept: usize,
-    lost: usize,
-    /// Greatest error of a distance outside, and of a depth inside [m].
-    outside: f64,
-    depth: f64,
-}
-
-impl Errors {
-    fn add(&mut self, q: &Question, found: f64) {
-        self.kept += usize::from(found < 0.0 && !q.inside);
-        self.lost += usize::from((found >= 0.0 || found.is_nan()) && q.inside);
-        let worst = if q.inside {
-            &mut self.depth
-        } else {
-            &mut self.outside
-        };
-        *worst = worst.max((found - q.distance).abs());
-    }
-}
-
-fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) {
+fn measure(task: &Task, (name, sort): &Method, base: usize, budget: Duration) {
     let (before, begin) = (ALLOCATOR.current_usage(), Instant::now());
-    let sorted: Vec<Sorted> = task.bones.iter().map(sort).collect();
+    let sorted: Vec<Prepared> = task.bones.iter().map(sort).collect();
     let built = begin.elapsed();
     let held =
-        ALLOCATOR.current_usage() - before - sorted.capacity() * std::mem::size_of::<Sorted>();
+        ALLOCATOR.current_usage() - before - sorted.capacity() * std::mem::size_of::<Prepared>();
     let bytes: usize = sorted.iter().map(|s| s.obstacle().bytes()).sum();
     assert!(
         bytes.abs_diff(held) as f64 <= 0.02 * held as f64 + 4096.0,
         "{name} says {bytes} bytes and holds {held}"
     );
     let mut errors = Errors::default();
-    let (distance, asked) = timed(task, budget, |q| {
+    // A query in seconds, and all queries of a frame in milliseconds.
+    let of_frame = |each: f64| each * 1e3 * task.questions.len() as f64 / FRAMES as f64;
+    let (distance, asked) = timed(&task.questions, budget, |q| {
         errors.add(
             q,
             sorted[q.bone]
@@ -341,18 +220,17 @@ fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) 
         );
     });
     let mut near = 0;
-    let (within, _) = timed(task, budget, |q| {
-        near += usize::from(sorted[q.bone].is_near(q))
+    let (within, _) = timed(&task.questions, budget, |q| {
+        near += usize::from(sorted[q.bone].is_near(q, REACH))
     });
+    let (distance, within) = (of_frame(distance), of_frame(within));
     assert!(near > 0, "{name} finds nothing near");
-    let diagonal = |s: &Sorted| {
-        if let Sorted::Bits(bits) = s {
-            bits.diagonal()
-        } else {
-            0.0
+    let mut diagonal = 0.0_f64;
+    for prepared in &sorted {
+        if let Prepared::Bits(bits) = prepared {
+            diagonal = diagonal.max(bits.diagonal());
         }
-    };
-    let diagonal = sorted.iter().map(diagonal).fold(0.0, f64::max);
+    }
     let mut name = name.to_owned();
     if diagonal > 0.0 {
         assert!(
@@ -361,10 +239,12 @@ fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) 
         );
         name += &format!(", {:.1} mm from corner to corner", diagonal / MILLIMETRE);
     } else {
-        let worst = errors.outside.max(errors.depth);
+        let worst = [errors.outside, errors.depth];
         assert!(
-            worst <= ROUNDING * task.size.max(1.0),
-            "{name} is off by {worst:e} m"
+            worst
+                .iter()
+                .all(|error| *error <= ROUNDING * task.size.max(1.0)),
+            "{name} is off by {worst:?} m"
         );
         assert_eq!(
             (errors.kept, errors.lost),
@@ -372,7 +252,7 @@ fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) 
             "{name} judges vertices wrongly"
         );
     }
-    let index = if matches!(sorted[0], Sorted::Bits(_)) {
+    let index = if matches!(sorted[0], Prepared::Bits(_)) {
         bytes
     } else {
         bytes - base
@@ -397,59 +277,20 @@ fn compare(task: &Task, largest: usize, budget: Duration) {
     let brute = &rows[1].1;
     let base = task.bones.iter().map(|b| brute(b).obstacle().bytes()).sum();
     rows.iter()
-        .for_each(|(name, sort)| measure(task, name, sort, base, budget));
+        .for_each(|method| measure(task, method, base, budget));
 }
 
-/// The remaining penetration of the vertices in a bone after a response.
-fn remedy(
-    task: &Task,
-    own: &[Surface],
-    inside: &[&Question],
-    name: &str,
-    remedy: PenetrationResponse,
-) {
-    let ends: Vec<Point3<f64>> = inside
-        .iter()
-        .map(|q| remedy.place(&own[q.bone], &q.point))
-        .collect();
-    let depths: Vec<f64> = inside
-        .iter()
-        .zip(&ends)
-        .map(|(q, e)| -own[q.bone].closest(e).expect("triangles").distance)
-        .collect();
-    let rounding = ROUNDING * task.size.max(1.0);
-    let still = depths.iter().filter(|d| **d > rounding).count();
-    let deeper = depths
-        .iter()
-        .zip(inside)
-        .filter(|(d, q)| **d > -q.distance + rounding)
-        .count();
-    let places: BTreeSet<_> = ends
-        .iter()
-        .map(|p| [p.x, p.y, p.z].map(f64::to_bits))
-        .collect();
-    let moved = inside
-        .iter()
-        .zip(&ends)
-        .map(|(q, e)| (e - q.point).norm())
-        .sum::<f64>()
-        / inside.len() as f64;
-    if remedy == PenetrationResponse::NearestPoint {
-        assert!(still == 0 && deeper == 0, "the nearest point is inside");
-    }
-    println!(
-        "ROW contact.{}.remedies | {name} | {still} | {:.3} | {deeper} | {} | {:.3} |",
-        key(task.name),
-        depths.iter().fold(0.0_f64, |a, b| a.max(*b)) / MILLIMETRE,
-        inside.len() - places.len(),
-        moved / MILLIMETRE
-    );
-}
-
+/// The remaining penetration of the vertices in a bone after each response.
 fn remedies(task: &Task) {
-    let own: Vec<Surface> = task.bones.iter().map(Surface::new).collect();
-    let all: Vec<&Question> = task.questions.iter().filter(|q| q.inside).collect();
-    let inside = &all[..all.len().min(1000)];
+    // The muscle moves by a step and the bone stays; seen from the muscle, the bone moves back.
+    let (before, now) = (Translation3::from(task.step).into(), Isometry3::identity());
+    let bones: Vec<MovedBone> = task
+        .bones
+        .iter()
+        .map(|bone| MovedBone::new(bone, &before, &now))
+        .collect();
+    let all = task.questions.iter().filter(|q| q.inside).copied();
+    let inside: Vec<Query> = all.take(1000).collect();
     let deepest = inside.iter().map(|q| -q.distance).fold(0.0, f64::max);
     note(
         &format!("contact.{}.deep", key(task.name)),
@@ -459,32 +300,36 @@ fn remedies(task: &Task) {
             deepest / MILLIMETRE
         ),
     );
-    let constant = Length::Constant(MILLIMETRE);
-    for (name, how) in [
-        ("nearest vertex", PenetrationResponse::NearestVertex),
-        (
-            "mean of three vertices",
-            PenetrationResponse::MeanOfVertices(3),
-        ),
-        ("nearest point", PenetrationResponse::NearestPoint),
-        (
-            "normal of a triangle, 1 mm",
-            PenetrationResponse::FaceNormal(constant),
-        ),
-        (
-            "normal of a triangle, all of the depth",
-            PenetrationResponse::FaceNormal(Length::Share(1.0)),
-        ),
-        (
-            "mean normal, 1 mm",
-            PenetrationResponse::MeanNormal(constant),
-        ),
-        (
-            "mean normal, all of the depth",
-            PenetrationResponse::MeanNormal(Length::Share(1.0)),
-        ),
-    ] {
-        remedy(task, &own, inside, name, how);
+    for row in compare_responses(&bones, &inside) {
+        assert_eq!(row.inside_before, inside.len());
+        if ["nearest vertex", "nearest point"].contains(&row.response) {
+            assert!(
+                row.inside == 0 && row.deeper == 0,
+                "{} is inside",
+                row.response
+            );
+        }
+        if row.response == "motion of the bone" {
+            let step = task.step.norm();
+            let is_step = (row.motion_max_m - step).abs() <= ROUNDING * task.size.max(1.0);
+            assert!(
+                is_step && row.inside > 0,
+                "the bone carries by its own motion"
+            );
+        }
+        if row.response == "vector field" {
+            assert!(row.inside * 50 <= inside.len(), "the field leads out");
+        }
+        println!(
+            "ROW contact.{}.remedies | {} | {} | {:.3} | {} | {} | {:.3} |",
+            key(task.name),
+            row.response,
+            row.inside,
+            row.depth_max_m / MILLIMETRE,
+            row.deeper,
+            row.coincident,
+            row.motion_mean_m / MILLIMETRE
+        );
     }
 }
 

@@ -1,4 +1,4 @@
-//! The hierarchy of spring systems compared with parry's, on the same triangles in one run:
+//! The area-median hierarchy of Monkin (2016) compared with parry's, on the same triangles in one run:
 //! construction, refit for a motion, and all pairs of triangles whose boxes intersect. `--test`
 //! uses small meshes.
 //!

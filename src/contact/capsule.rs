@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{Obstacle, Projection};
+use crate::mesh::closest::place_on_segment;
 use crate::mesh::measures::Aabb;
 
 /// All points within `radius` [m] of the segment between `ends` [m].
@@ -17,13 +18,7 @@ pub struct Capsule {
 impl Obstacle for Capsule {
     fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
         let along = self.ends[1] - self.ends[0];
-        let squared = along.norm_squared();
-        let t = if squared > 0.0 {
-            ((point - self.ends[0]).dot(&along) / squared).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        let axis = self.ends[0] + along * t;
+        let axis = self.ends[0] + along * place_on_segment(point, &self.ends[0], &self.ends[1]);
         let out = point - axis;
         let height = out.norm();
         // On the axis every direction is valid; this one does not depend on rounding.

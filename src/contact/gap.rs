@@ -7,6 +7,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::nearest::{Feature, on_triangle, point_at};
+use crate::mesh::closest::place_on_segment;
 
 /// Rounding of a difference of heights, relative to the greatest coordinate. A gap below it has no
 /// certain sign.
@@ -215,26 +216,15 @@ fn nearest_end(x: &[Point3<f64>; 4]) -> ([f64; 4], bool) {
 /// Weights of an end of one edge and of the point of the other edge nearest to it.
 fn end_weights(x: &[Point3<f64>; 4], end: usize) -> [f64; 4] {
     if end < 2 {
-        let w = along(&x[end], &x[2], &x[3]);
+        let w = place_on_segment(&x[end], &x[2], &x[3]);
         let mut weights = [0.0, 0.0, w - 1.0, -w];
         weights[end] = 1.0;
         weights
     } else {
-        let u = along(&x[end], &x[0], &x[1]);
+        let u = place_on_segment(&x[end], &x[0], &x[1]);
         let mut weights = [1.0 - u, u, 0.0, 0.0];
         weights[end] = -1.0;
         weights
-    }
-}
-
-/// Place of the point of a segment nearest to `p`, from 0 to 1.
-fn along(p: &Point3<f64>, from: &Point3<f64>, to: &Point3<f64>) -> f64 {
-    let d = to - from;
-    let squared = d.norm_squared();
-    if squared > 0.0 {
-        ((p - from).dot(&d) / squared).clamp(0.0, 1.0)
-    } else {
-        0.0
     }
 }
 
@@ -274,7 +264,10 @@ fn by_features(
     let mut squared = difference(x, &weights).norm_squared();
     for &(vertex, from, to) in pairs {
         let side = if vertex < parts.first() { 1.0 } else { -1.0 };
-        let (edge, w) = (x[to] - x[from], along(&x[vertex], &x[from], &x[to]));
+        let (edge, w) = (
+            x[to] - x[from],
+            place_on_segment(&x[vertex], &x[from], &x[to]),
+        );
         let mut weights = [0.0; 4];
         weights[vertex] = side;
         (weights[from], weights[to]) = (side * (w - 1.0), -side * w);

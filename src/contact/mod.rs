@@ -47,6 +47,10 @@ pub(crate) mod apart;
 pub(crate) mod broad_phase;
 pub(crate) mod capsule;
 pub(crate) mod ccd;
+#[cfg(feature = "contact")]
+pub(crate) mod comparison;
+#[cfg(feature = "contact")]
+pub(crate) mod escape_field;
 mod faces;
 pub(crate) mod gap;
 #[cfg(feature = "contact")]

@@ -4,8 +4,9 @@
 //! response sees one vertex, so none keeps the triangles between vertices out of the bone, and none
 //! knows the side from which a vertex came.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
+use super::escape_field::EscapeField;
 use super::nearest::area_normal;
 use super::{OnTriangle, Projection, Surface};
 
@@ -19,8 +20,8 @@ pub enum Length {
 }
 
 /// The new position of a vertex inside a bone.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum PenetrationResponse {
+#[derive(Clone, Copy, Debug)]
+pub enum PenetrationResponse<'a> {
     /// Immediate: the nearest vertex of the bone. The vertex ends on the surface, but all vertices
     /// near it end on the same point.
     NearestVertex,
@@ -36,9 +37,17 @@ pub enum PenetrationResponse {
     /// Eventual: along the mean normal of all triangles about the nearest point within the depth of
     /// the vertex.
     MeanNormal(Length),
+    /// The motion of the bone since the last frame, applied to the vertex. In the frame of the bone
+    /// it is `before^-1 now`, of the poses `before` and `now`. A vertex that the bone swallowed
+    /// while the vertex was at rest returns to its last place beside the bone. A vertex that
+    /// entered the bone by a motion of its own can stay inside.
+    BoneMotion(Isometry3<f64>),
+    /// Along a field of directions inside the bone, up to the surface. The directions of vertices
+    /// close to each other agree, and the path is longer than that to the nearest point.
+    VectorField(&'a EscapeField),
 }
 
-impl PenetrationResponse {
+impl PenetrationResponse<'_> {
     /// The new position of a point [m]; unchanged for a point outside or an empty surface.
     pub fn place(&self, surface: &Surface, point: &Point3<f64>) -> Point3<f64> {
         let Some(on) = surface
@@ -53,6 +62,8 @@ impl PenetrationResponse {
             Self::NearestPoint => on.closest.point,
             Self::FaceNormal(length) => point + face_normal(surface, &on) * length.of(&on.closest),
             Self::MeanNormal(length) => point + mean_normal(surface, &on) * length.of(&on.closest),
+            Self::BoneMotion(motion) => motion * point,
+            Self::VectorField(field) => field.follow(surface, point),
         }
     }
 }
@@ -120,7 +131,7 @@ mod tests {
     use crate::mesh::shapes::{box_surface, icosphere};
     use crate::testing::Draw;
 
-    const ALL: [PenetrationResponse; 7] = [
+    const ALL: [PenetrationResponse<'static>; 7] = [
         PenetrationResponse::NearestVertex,
         PenetrationResponse::MeanOfVertices(3),
         PenetrationResponse::NearestPoint,
@@ -189,7 +200,7 @@ mod tests {
     fn the_nearest_vertex_is_the_same_for_many() {
         let mesh = box_surface([1.0, 1.0, 1.0], 0.5);
         let surface = Surface::new(&mesh);
-        let ends = |remedy: PenetrationResponse| {
+        let ends = |remedy: PenetrationResponse<'_>| {
             let place = |p: Point3<f64>| remedy.place(&surface, &p);
             let all = drawn(&surface, 500, 82)
                 .into_iter()
@@ -205,7 +216,7 @@ mod tests {
         );
         // A triangle near one vertex then has no area.
         let t = [[0.4, 0.4, 0.45], [0.45, 0.4, 0.4], [0.4, 0.45, 0.4]].map(Point3::from);
-        let area = |remedy: PenetrationResponse| {
+        let area = |remedy: PenetrationResponse<'_>| {
             area_normal(&t.map(|p| remedy.place(&surface, &p))).norm()
         };
         assert_eq!(area(PenetrationResponse::NearestVertex), 0.0);
@@ -274,7 +285,8 @@ mod tests {
             (distance(&surface, &p) + 0.1).abs() <= 1e-12,
             "the edge is nearest"
         );
-        let after = |remedy: PenetrationResponse| -distance(&surface, &remedy.place(&surface, &p));
+        let after =
+            |remedy: PenetrationResponse<'_>| -distance(&surface, &remedy.place(&surface, &p));
         // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the
         // direction of p.
         let expected = 0.1 * (2.0 - 2.0 * libm::sin(0.5 * angle)).sqrt();
@@ -285,5 +297,63 @@ mod tests {
         );
         assert!(after(PenetrationResponse::MeanNormal(Length::Share(1.0))) < 0.1);
         assert!(after(PenetrationResponse::NearestPoint).abs() <= 1e-12);
+    }
+
+    #[test]
+    fn the_motion_of_the_bone_returns_a_swallowed_vertex_to_its_place_beside_the_bone() {
+        let surface = Surface::new(&box_surface([1.0, 0.8, 0.6], 0.2));
+        let before = Isometry3::new(Vector3::new(0.3, -2.0, 1.0), Vector3::new(0.1, 0.2, 0.3));
+        let now =
+            before * Isometry3::new(Vector3::new(0.1, 0.02, 0.0), Vector3::new(0.0, 0.1, 0.0));
+        // A vertex at rest, in front of the side that moves towards it.
+        let vertex = before * Point3::new(0.55, 0.1, 0.05);
+        let [was, is] = [before, now].map(|pose| pose.inverse() * vertex);
+        assert!(distance(&surface, &was) > 0.04 && distance(&surface, &is) < -0.03);
+        let motion = before.inverse() * now;
+        let end = PenetrationResponse::BoneMotion(motion).place(&surface, &is);
+        assert!((end - was).norm() <= 1e-12, "{end} is not {was}");
+        // Controls: no motion leaves the vertex inside, and the reverse motion takes it deeper.
+        let still = PenetrationResponse::BoneMotion(Isometry3::identity()).place(&surface, &is);
+        assert_eq!(still, is);
+        let back = PenetrationResponse::BoneMotion(motion.inverse()).place(&surface, &is);
+        assert!(distance(&surface, &back) < distance(&surface, &is) - 0.05);
+        // Limit: a vertex that was inside before stays inside.
+        let held = now.inverse() * (before * Point3::new(0.2, 0.1, 0.05));
+        let end = PenetrationResponse::BoneMotion(motion).place(&surface, &held);
+        assert!(distance(&surface, &end) < -0.1);
+    }
+
+    #[test]
+    fn the_field_leads_out_of_convex_bodies_and_of_a_notch() {
+        for (mesh, seed) in [
+            (box_surface([1.0, 0.8, 0.6], 0.2), 83),
+            (icosphere(0.5, 3), 84),
+            (notched(0.5), 85),
+        ] {
+            let surface = Surface::new(&mesh);
+            let field = EscapeField::new(&mesh, 24);
+            for p in drawn(&surface, 100, seed) {
+                let depth = -distance(&surface, &p);
+                let end = PenetrationResponse::VectorField(&field).place(&surface, &p);
+                assert!(distance(&surface, &end).abs() <= 1e-12, "{p} ends at {end}");
+                assert!((end - p).norm() >= depth * (1.0 - 1e-9));
+            }
+        }
+    }
+
+    #[test]
+    fn a_field_without_source_leads_nowhere_and_neighbours_leave_on_one_side() {
+        let mesh = box_surface([1.0, 0.8, 0.6], 0.2);
+        let surface = Surface::new(&mesh);
+        let p = Point3::new(0.2, 0.1, 0.05);
+        let flat = EscapeField::new(&mesh, 24).without_source();
+        let end = PenetrationResponse::VectorField(&flat).place(&surface, &p);
+        assert_eq!(end, p, "control: a field of zeros has no direction");
+        let far = EscapeField::new(&box_surface([0.1, 0.1, 0.1], 0.1), 24);
+        let end = PenetrationResponse::VectorField(&far).place(&surface, &p);
+        assert_eq!(
+            end, p,
+            "control: the field of another bone ends before this place"
+        );
     }
 }

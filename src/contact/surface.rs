@@ -1,7 +1,7 @@
 //! A triangle mesh with signed closest-point queries; the only file that uses parry.
 
 use nalgebra::{Point3, Vector3};
-use parry3d_f64::bounding_volume::Aabb as ParryAabb;
+use parry3d_f64::bounding_volume::{Aabb as ParryAabb, BoundingVolume};
 use parry3d_f64::math::Vector as Glam;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 use parry3d_f64::query::{PointQuery, Ray, RayCast};
@@ -63,6 +63,11 @@ impl Surface {
             workspace: BvhWorkspace::default(),
             faces: Faces::new(mesh),
         }
+    }
+
+    /// True if the surface is closed and consistently oriented.
+    pub fn is_sound(&self) -> bool {
+        self.faces.is_sound()
     }
 
     /// Positions at the last refit [m].
@@ -156,6 +161,20 @@ impl Surface {
         let begin = found.len();
         found.extend(self.bvh.intersect_aabb(&ParryAabb::new(p - half, p + half)));
         found[begin..].sort_unstable();
+    }
+
+    /// Pairs of a triangle of this surface and one of another whose boxes meet at the last refits,
+    /// ascending.
+    pub fn pairs(&self, other: &Self) -> Vec<[u32; 2]> {
+        let corners = |of: &Self, t: u32| bounds(&of.faces.mesh.corners(t as usize));
+        let meeting = self.bvh.leaf_pairs(&other.bvh, |a, b| a.intersects(b));
+        let mut pairs: Vec<[u32; 2]> = meeting
+            // The traversal does not test leaves directly below the roots.
+            .filter(|&(s, t)| corners(self, s).intersects(&corners(other, t)))
+            .map(|(s, t)| [s, t])
+            .collect();
+        pairs.sort_unstable();
+        pairs
     }
 
     /// The winding number of the surface at `point`, exact. `x` are its positions, none farther

@@ -4,6 +4,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::mesh::closest::place_on_segment;
 use crate::mesh::measures::{Aabb, max_or_nan};
 
 /// Factor 0..1 of each edge: 1 - A |u.v|^power, with the unit vectors u along the edge and v along
@@ -80,8 +81,7 @@ impl Segments {
             }
             for [a, b] in some {
                 let along = b - a;
-                let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-                let squared = (a + along * t - p).norm_squared();
+                let squared = (a + along * place_on_segment(p, a, b) - p).norm_squared();
                 if best.is_none_or(|(d, _)| squared < d) {
                     best = Some((squared, along));
                 }

@@ -40,16 +40,22 @@ pub fn closest_on_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Poi
     best
 }
 
+/// Place of the point of the segment from `a` to `b` closest to `p`, from 0 at `a` to 1 at `b`; 0
+/// for a segment without length.
 #[inline]
-fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Point3<f64> {
+pub(crate) fn place_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
     let along = b - a;
     let square = along.norm_squared();
-    let t = if square > 0.0 {
+    if square > 0.0 {
         ((p - a).dot(&along) / square).clamp(0.0, 1.0)
     } else {
         0.0
-    };
-    a + along * t
+    }
+}
+
+#[inline]
+fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Point3<f64> {
+    a + (b - a) * place_on_segment(p, a, b)
 }
 
 /// Result of [`SurfaceTree::closest`].

@@ -5,6 +5,7 @@ pub(crate) mod attachments;
 pub(crate) mod audit;
 pub(crate) mod body;
 pub mod checkpoint;
+mod contact_comparison;
 mod effects;
 pub(crate) mod equilibrium;
 pub(crate) mod tracked;
@@ -25,6 +26,7 @@ pub use attachments::component;
 pub use audit::{
     Audit, AuditSummary, AuditedPair, AuditedSurface, CrossingCounts, FrameAudit, PairSummary,
 };
+pub use contact_comparison::compare_contact;
 pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};

@@ -20,6 +20,10 @@ pub mod constraints {
 /// Internals of `contact`.
 pub mod contact {
     pub use crate::contact::ccd::{Advance, advance};
+    pub use crate::contact::comparison::detection::{Errors, Method, Prepared, methods, timed};
+    pub use crate::contact::comparison::responses::{MovedBone, compare_responses};
+    pub use crate::contact::comparison::{Query, queries};
+    pub use crate::contact::escape_field::EscapeField;
     pub use crate::contact::gap::{difference, height, lower};
     pub use crate::contact::penetration_response::{Length, PenetrationResponse};
     pub use crate::contact::response::Counts;
@@ -174,7 +178,7 @@ pub mod springs {
     /// Internals of `springs::contact`.
     pub mod contact {
         pub use crate::springs::contact::edges::{
-            Crossing, Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of,
+            Crossing, Edge, EdgeOwners, Found, Sheet, crossing, crossings_of,
         };
         pub use crate::springs::contact::hierarchy::{BoundKind, Hierarchy};
         pub use crate::springs::contact::impulse::{ContactPart, impulse};

@@ -8,6 +8,7 @@ mod areas;
 mod audit;
 mod biceps;
 mod check;
+mod contact;
 mod convert;
 mod environment;
 mod excerpt;
@@ -93,6 +94,8 @@ enum Command {
     /// Count crossings, vertices inside and changes of volume in written frames, of this or another
     /// program
     Audit(audit::Arguments),
+    /// Compare the responses to vertices inside bones, and the methods that find them, on a scene
+    Contact(contact::Arguments),
     /// Write a mesh in another format or unit
     Convert(convert::Arguments),
     /// Blend two closed surfaces: their correspondence, intermediate shapes and intermediate point
@@ -133,6 +136,7 @@ pub fn main() -> ExitCode {
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Audit(arguments)) => audit::run(&arguments),
+        Some(Command::Contact(arguments)) => contact::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),
         Some(Command::Implant(arguments)) => implant::run(&arguments),
         Some(Command::Morph(arguments)) => morph::run(&arguments),

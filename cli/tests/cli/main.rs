@@ -3,6 +3,7 @@
 mod audit;
 mod biceps;
 mod check;
+mod contact;
 mod fibres;
 mod implant;
 mod moment_arms;
@@ -213,6 +214,7 @@ fn every_command_has_help_with_an_example() {
         &["run", "--help"],
         &["plan", "--help"],
         &["scenes", "--help"],
+        &["contact", "--help"],
         &["accuracy", "--help"],
         &["springs", "--help"],
         &["morph", "--help"],

@@ -88,6 +88,17 @@ impl BitGrid {
         }
     }
 
+    /// All boxes.
+    pub(in crate::contact) fn boxes(&self) -> &Boxes {
+        &self.boxes
+    }
+
+    /// Indices of the boxes of bone, ascending.
+    pub(in crate::contact) fn bone(&self) -> Vec<usize> {
+        let is_set = |index: &usize| self.bits[index / 64] >> (index % 64) & 1 == 1;
+        (0..self.boxes.len()).filter(is_set).collect()
+    }
+
     fn is_bone(&self, place: Place) -> bool {
         let index = self.boxes.index(place);
         self.bits[index / 64] >> (index % 64) & 1 == 1

@@ -9,11 +9,11 @@ use crate::mesh::measures::Aabb;
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
 /// Index of a box along each axis.
-pub(super) type Place = [usize; 3];
+pub(in crate::contact) type Place = [usize; 3];
 
 /// A uniform division of a box.
 #[derive(Clone, Debug)]
-pub(super) struct Boxes {
+pub(in crate::contact) struct Boxes {
     /// Bounds of all boxes [m].
     pub bounds: Aabb,
     /// Side lengths of one box [m].

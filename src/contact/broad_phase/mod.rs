@@ -6,7 +6,7 @@
 //! a file of its own and an entry in [`WAYS`].
 
 pub(crate) mod bit_grid;
-mod boxes;
+pub(in crate::contact) mod boxes;
 pub(crate) mod brute_force;
 pub(crate) mod octree;
 pub(crate) mod overlap;

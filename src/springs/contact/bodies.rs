@@ -84,7 +84,7 @@ impl Bodies {
         }
         // This check comes first: a point without a finite position touches nothing.
         self.check(dt)?;
-        self.bodies.iter_mut().for_each(CollidingBody::refit);
+        self.bodies.iter_mut().for_each(CollidingBody::bound);
         let contacts = find(&mut self.bodies, &self.obstacles);
         let inside = contacts.iter().filter(|t| t.depth > 0.0).count();
         let summary = StepContacts {

@@ -3,7 +3,6 @@
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::edges::{EdgeOwners, Sheet};
-use super::hierarchy::Hierarchy;
 use crate::contact::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::{Aabb, volume};
@@ -81,12 +80,15 @@ pub struct CollidingBody {
     triangles: Vec<[u32; 3]>,
     /// The points of the surface, ascending.
     points: Vec<u32>,
-    hierarchy: Hierarchy,
+    /// The box of the points, at the last [`CollidingBody::bound`] [m].
+    bounds: Aabb,
+    /// Detection, at the positions of the last [`CollidingBody::refit`].
+    surface: Surface,
     owners: EdgeOwners,
     /// The triangle across each side of each triangle.
     neighbours: Vec<[Option<u32>; 3]>,
-    /// Inside test for a closed surface with outward orientation.
-    closed: Option<Surface>,
+    /// True for a closed surface with outward orientation.
+    has_inside: bool,
 }
 
 impl CollidingBody {
@@ -129,12 +131,13 @@ impl CollidingBody {
         points.sort_unstable();
         points.dedup();
         Ok(Self {
-            hierarchy: Hierarchy::new(&system.position, triangles),
             owners: EdgeOwners::new(count, triangles),
             neighbours: (0..triangles.len())
                 .map(|t| topology.neighbours_of_triangle(t))
                 .collect(),
-            closed: has_inside.then(|| Surface::new(&mesh)),
+            bounds: mesh.bounding_box(),
+            surface: Surface::new(&mesh),
+            has_inside,
             triangles: mesh.triangles,
             points,
             drive: None,
@@ -234,16 +237,15 @@ impl CollidingBody {
         }
     }
 
-    /// Updates the boxes.
-    pub(super) fn refit(&mut self) {
-        self.hierarchy.refit(&self.system.position, &self.triangles);
+    /// Updates the box.
+    pub(super) fn bound(&mut self) {
+        let points = self.points.iter();
+        self.bounds = Aabb::of_points(points.map(|&v| &self.system.position[v as usize]));
     }
 
-    /// Updates the inside test.
-    pub(super) fn refit_inside(&mut self) {
-        self.closed
-            .iter_mut()
-            .for_each(|s| s.refit(&self.system.position));
+    /// Updates the surface.
+    pub(super) fn refit(&mut self) {
+        self.surface.refit(&self.system.position);
     }
 
     /// Unit normal of a triangle; `None` for one without area.
@@ -255,25 +257,29 @@ impl CollidingBody {
     /// Unit direction out of a closed surface at a side of a triangle: the mean of the normals of
     /// its two triangles.
     pub(super) fn normal_of_side(&self, (triangle, side): (u32, usize)) -> Option<Vector3<f64>> {
-        self.closed.as_ref()?;
+        self.inside()?;
         let across = self.neighbours[triangle as usize][side]?;
         // Triangles folded onto each other define no direction.
         (self.normal(triangle)? + self.normal(across)?).try_normalize(1e-6)
     }
 
     pub(super) fn bounds(&self) -> Aabb {
-        self.hierarchy.bounds()
+        self.bounds
     }
 
+    pub(super) fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// The surface, if it has an inside.
     pub(super) fn inside(&self) -> Option<&Surface> {
-        self.closed.as_ref()
+        self.has_inside.then_some(&self.surface)
     }
 
     pub(super) fn sheet(&self) -> Sheet<'_> {
         Sheet {
             x: &self.system.position,
             triangles: &self.triangles,
-            hierarchy: &self.hierarchy,
             owners: &self.owners,
         }
     }

@@ -2,7 +2,6 @@
 
 use nalgebra::Point3;
 
-use super::hierarchy::Hierarchy;
 use crate::mesh::predicates::{is_flat, near_one, segment_meets, side, turn};
 use crate::mesh::topology::Topology;
 
@@ -138,8 +137,6 @@ pub struct Sheet<'a> {
     pub x: &'a [Point3<f64>],
     /// Triangles.
     pub triangles: &'a [[u32; 3]],
-    /// Hierarchy, refitted to these positions.
-    pub hierarchy: &'a Hierarchy,
     /// The triangle that tests each edge.
     pub owners: &'a EdgeOwners,
 }
@@ -168,18 +165,10 @@ pub struct Found {
     pub at: Crossing,
 }
 
-/// Visits each edge of one surface with each triangle of the other that it crosses, in both
+/// Visits the edges of a triangle of one surface that cross a triangle of the other, in both
 /// directions (errata B07): the edges of one surface alone miss a tip that pierces a large
-/// triangle.
-pub fn crossings(first: Sheet<'_>, second: Sheet<'_>, mut visit: impl FnMut(Found)) {
-    first.hierarchy.pairs(second.hierarchy, |s, t| {
-        crossings_of([s, t], first, second, &mut visit)
-    });
-}
-
-/// The same as [`crossings`] for one triangle of each surface, such as those of
-/// [`super::VoxelGrid::pairs`]. Sides that a triangle does not own are tested by its neighbours, which
-/// have the same points.
+/// triangle. Sides that a triangle does not own are tested by its neighbours, which have the same
+/// points.
 pub fn crossings_of(
     [s, t]: [u32; 2],
     first: Sheet<'_>,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use super::body::CollidingBody;
-use super::edges::{Edge, Found, crossings};
+use super::edges::{Edge, Found, crossings_of};
 use crate::contact::Obstacle;
 use crate::mesh::measures::max_or_nan;
 
@@ -28,7 +28,7 @@ pub(super) struct Contact {
 }
 
 /// All contacts, in an order that depends on the bodies and their positions alone; refits the
-/// boxes.
+/// surfaces of bodies whose boxes meet.
 pub(super) fn find(bodies: &mut [CollidingBody], obstacles: &[Arc<dyn Obstacle>]) -> Vec<Contact> {
     let mut near = Vec::new();
     for i in 0..bodies.len() {
@@ -42,18 +42,20 @@ pub(super) fn find(bodies: &mut [CollidingBody], obstacles: &[Arc<dyn Obstacle>]
     let mut near_bodies: Vec<usize> = near.iter().flatten().copied().collect();
     near_bodies.sort_unstable();
     near_bodies.dedup();
-    near_bodies.iter().for_each(|&i| bodies[i].refit_inside());
+    near_bodies.iter().for_each(|&i| bodies[i].refit());
     let bodies = &*bodies;
     let mut contacts = Vec::new();
     for [i, j] in near {
-        crossings(bodies[i].sheet(), bodies[j].sheet(), |found| {
-            let (first, second) = if found.which == Edge::OfFirst {
-                (i, j)
-            } else {
-                (j, i)
-            };
-            contacts.extend(crossed(bodies, first, second, &found));
-        });
+        for pair in bodies[i].surface().pairs(bodies[j].surface()) {
+            crossings_of(pair, bodies[i].sheet(), bodies[j].sheet(), |found| {
+                let (first, second) = if found.which == Edge::OfFirst {
+                    (i, j)
+                } else {
+                    (j, i)
+                };
+                contacts.extend(crossed(bodies, first, second, &found));
+            });
+        }
         vertices(bodies, i, j, &mut contacts);
         vertices(bodies, j, i, &mut contacts);
     }

@@ -4,12 +4,13 @@
 use std::collections::BTreeSet;
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use pliant::contact::Surface;
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::{Topology, TriangleMesh, shapes};
 use pliant::testing::Draw;
 use pliant::testing::internals::springs::contact::{
     BoundKind, Edge, EdgeOwners, Found, Hierarchy, Sheet, VoxelError, VoxelGrid, crossing,
-    crossings, crossings_of,
+    crossings_of,
 };
 use proptest::prelude::*;
 
@@ -106,6 +107,7 @@ proptest! {
         prop_assert_eq!(check_tree(&tree_a, &a), Ok(()));
         prop_assert_eq!(pairs(&tree_a, &tree_b), brute_force(&a, &b));
         let size = draw.decades(-2.0, 1.0);
+        let still = a.clone();
         a.vertices.iter_mut().for_each(|p| *p += draw.direction() * size);
         let before = pairs(&tree_a, &tree_b);
         tree_a.refit(&a.vertices, &a.triangles);
@@ -113,6 +115,11 @@ proptest! {
         let all = brute_force(&a, &b);
         prop_assert_eq!(&pairs(&tree_a, &tree_b), &all);
         prop_assert_eq!(pairs(&tree_b, &tree_a).len(), all.len());
+        // The surfaces that bodies use find the same, also after a refit.
+        let (mut surface, other) = (Surface::new(&still), Surface::new(&b));
+        prop_assert_eq!(&surface.pairs(&other), &before);
+        surface.refit(&a.vertices);
+        prop_assert_eq!(&surface.pairs(&other), &all);
         let within = box_of(&b, 0);
         let mut met = Vec::new();
         tree_a.meeting(&within, |t| met.push(t));
@@ -459,7 +466,8 @@ fn what_is_no_number_crosses_nothing() {
         assert_eq!(missing, None);
     }
     let voxels = VoxelGrid::new(&a.vertices, &a.triangles, 0.2).expect("voxels");
-    let crossed = found(&a, &b);
+    // Bodies refuse such points before any search.
+    let crossed = crossings_among(&pairs(&tree(&a), &tree(&b)), &a, &b);
     assert!(crossed.len() > 3);
     let listed: BTreeSet<[u32; 2]> = voxels
         .pairs(&tree(&b), &b.vertices, &b.triangles)
@@ -493,17 +501,14 @@ fn voxels_find_the_crossings_of_hierarchies() {
         VoxelGrid::new(&fine.vertices, &fine.triangles, 0.07).expect("voxels"),
     );
     let owners = [&fine, &coarse].map(|m| EdgeOwners::new(m.vertices.len(), &m.triangles));
-    let none = Hierarchy::default();
     let first = Sheet {
         x: &fine.vertices,
         triangles: &fine.triangles,
-        hierarchy: &none,
         owners: &owners[0],
     };
     let second = Sheet {
         x: &coarse.vertices,
         triangles: &coarse.triangles,
-        hierarchy: &tree,
         owners: &owners[1],
     };
     let key = |f: &Found| (f.which == Edge::OfFirst, f.edge, f.triangle);
@@ -525,18 +530,23 @@ fn voxels_find_the_crossings_of_hierarchies() {
     assert!(fewer < expected.len());
 }
 
+/// The crossings by the surfaces that bodies use.
 fn found(a: &TriangleMesh, b: &TriangleMesh) -> Vec<Found> {
-    let trees = [a, b].map(tree);
+    crossings_among(&Surface::new(a).pairs(&Surface::new(b)), a, b)
+}
+
+fn crossings_among(pairs: &[[u32; 2]], a: &TriangleMesh, b: &TriangleMesh) -> Vec<Found> {
     let owners = [a, b].map(|m| EdgeOwners::new(m.vertices.len(), &m.triangles));
     let meshes = [a, b];
     let sheet = |k: usize| Sheet {
         x: &meshes[k].vertices,
         triangles: &meshes[k].triangles,
-        hierarchy: &trees[k],
         owners: &owners[k],
     };
     let mut all = Vec::new();
-    crossings(sheet(0), sheet(1), |f| all.push(f));
+    for &pair in pairs {
+        crossings_of(pair, sheet(0), sheet(1), |f| all.push(f));
+    }
     all
 }
 
