@@ -4,6 +4,7 @@ pub(crate) mod assets;
 pub(crate) mod attachments;
 pub(crate) mod audit;
 pub(crate) mod body;
+mod bonds;
 pub mod checkpoint;
 mod effects;
 pub(crate) mod equilibrium;
@@ -143,6 +144,7 @@ impl Simulation {
             scene,
         };
         simulation.gather();
+        simulation.note_bonds();
         Ok(simulation)
     }
 
