@@ -6,6 +6,7 @@ mod apart;
 mod bodies;
 mod bonded;
 mod broad_phase;
+mod certified;
 mod checkpoint;
 mod conserved_volume;
 mod constraints;

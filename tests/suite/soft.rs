@@ -12,6 +12,8 @@ pub struct Soft {
     pub name: &'static str,
     pub mesh: TriangleMesh,
     pub held: Vec<u32>,
+    /// The bone that holds them; `far` is at rest.
+    pub bone: &'static str,
     pub force: [f64; 3],
 }
 
@@ -21,6 +23,7 @@ impl Soft {
             name,
             mesh,
             held: Vec::new(),
+            bone: "far",
             force: [0.0; 3],
         }
     }
@@ -44,6 +47,7 @@ pub fn text(bodies: &[Soft], frames: usize, more: &str) -> String {
         name,
         mesh,
         held,
+        bone,
         force,
     } in bodies
     {
@@ -51,7 +55,7 @@ pub fn text(bodies: &[Soft], frames: usize, more: &str) -> String {
         if !held.is_empty() {
             let _ = writeln!(
                 text,
-                "[[muscle.attachment]]\nbone = 'far'\nlimit = '100 %'\nvertices = {held:?}"
+                "[[muscle.attachment]]\nbone = '{bone}'\nlimit = '100 %'\nvertices = {held:?}"
             );
         }
         if *force != [0.0; 3] {
