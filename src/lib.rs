@@ -48,8 +48,8 @@ pub mod testing;
 
 // The types that a program uses first.
 pub use constraints::{
-    Anchor, Batch, Bending, Constraint, Distance, EnclosedVolume, PlaneContact, Potential, Project,
-    Quadratic, Scalar, SweepOrder, TetrahedronVolume, TriangleContact,
+    Anchor, Batch, Bending, Bond, Constraint, Distance, EnclosedVolume, PlaneContact, Potential,
+    Project, Quadratic, Scalar, SweepOrder, TetrahedronVolume, TriangleContact,
 };
 #[cfg(feature = "contact")]
 pub use contact::Surface;

@@ -26,6 +26,7 @@ mod spec;
 
 pub(crate) mod anchor;
 pub(crate) mod bending;
+pub(crate) mod bond;
 pub(crate) mod distance;
 pub(crate) mod plane_contact;
 pub(crate) mod tetrahedron_volume;
@@ -38,6 +39,7 @@ pub use anchor::Anchor;
 pub(crate) use batch::Residual;
 pub use batch::{Batch, Project};
 pub use bending::Bending;
+pub use bond::Bond;
 pub use distance::Distance;
 pub use enclosed_volume::EnclosedVolume;
 pub(crate) use kernel::Kernel;
@@ -129,6 +131,7 @@ constraints! {
     anchor::Anchor<1>,
     plane_contact::PlaneContact<1>,
     triangle_contact::TriangleContact<3>,
+    bond::Bond<4>,
 }
 
 /// Length of `v` without underflow or overflow; zero only for the zero vector.

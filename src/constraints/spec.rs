@@ -7,6 +7,8 @@ use super::Constraint;
 pub enum Parameter {
     /// A length [m]; scales with the shape.
     Length,
+    /// A length [m] inside C that is not its rest value; scales with the shape.
+    Height,
     /// An angle [rad]; unchanged by scaling.
     Angle,
     /// A volume [m^3].

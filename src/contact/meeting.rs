@@ -14,6 +14,7 @@
 //! decision is taken with the gap at the start, and what is known from before only tells which
 //! pairs are far from a decision.
 
+mod bonds;
 mod filter;
 mod lists;
 mod rows;
@@ -33,6 +34,8 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::mesh::topology::Topology;
 use crate::state::{DecodeError, Reader, State, Writer};
+pub use bonds::BondSpec;
+use bonds::Bonds;
 use lists::Bucket;
 pub use lists::StepMotions;
 use rows::Row;
@@ -193,6 +196,8 @@ pub struct Meeting {
     /// Relative motion for which lists hold beyond the present one [m].
     margin: f64,
     certificate: Certificate,
+    /// What holds soft surfaces together.
+    bonds: Option<Bonds>,
 }
 
 /// A soft surface that takes part in a meeting.
@@ -296,6 +301,7 @@ impl Meeting {
             floor: FLOOR * settings.thickness,
             margin: MARGIN * edge,
             certificate: Certificate::default(),
+            bonds: None,
             members,
             start,
         };
@@ -351,6 +357,9 @@ impl Meeting {
         }
         self.note_start(goes_on);
         self.rows.clear();
+        if let Some(bonds) = &mut self.bonds {
+            bonds.begin_step();
+        }
     }
 
     /// Places a vertex of a bone at the start and at the end of the step.

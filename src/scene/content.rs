@@ -98,6 +98,7 @@ pub(super) const KINDS: [KindSpec; 4] = [
             ("bone", List(&schema::BONE)),
             ("capsule", List(&schema::CAPSULE)),
             ("muscle", List(&schema::MUSCLE)),
+            ("interface", List(&schema::INTERFACE)),
             ("effects", Table(&Schema::Effects)),
             ("solver", Table(&Schema::Solvers)),
         ],

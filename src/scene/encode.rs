@@ -8,8 +8,8 @@ use super::content::{
 use super::effects::{EFFECTS, material_constants};
 use super::keys::KeyValue;
 use super::{
-    Accuracy, AreaSpec, AttachmentSpec, BoneSpec, Capsule, Displacement, Effects, Joint, Key, Mass,
-    Material, Motion, Muscle, ScaleForce, Scene, Solver, Source,
+    Accuracy, AreaSpec, AttachmentSpec, Bonding, BoneSpec, Capsule, Displacement, Effects,
+    Interface, Joint, Key, Mass, Material, Motion, Muscle, ScaleForce, Scene, Solver, Source,
 };
 use crate::encode::{Encode, Encoder};
 use crate::mesh::repair;
@@ -29,6 +29,7 @@ impl Encode for Scene {
             bones,
             capsules,
             muscles,
+            interfaces,
             most_held,
             effects,
             solver,
@@ -41,6 +42,7 @@ impl Encode for Scene {
         to.field("bone", bones);
         to.field("capsule", capsules);
         to.field("muscle", muscles);
+        to.field("interface", interfaces);
         to.field("most_held", most_held);
         to.field("effects", effects);
         to.field("solver", solver);
@@ -188,6 +190,22 @@ impl Encode for Muscle {
         to.field("fibres", fibres);
         to.field("force", forces);
         to.field("displace", displacements);
+    }
+}
+
+impl Encode for Interface {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { between, bond } = self;
+        to.field("between", between);
+        to.field("bond", bond);
+    }
+}
+
+impl Encode for Bonding {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { stiffness, within } = self;
+        to.field("stiffness", stiffness);
+        to.field("within", within);
     }
 }
 

@@ -10,6 +10,7 @@ pub(crate) mod effects;
 mod encode;
 pub(crate) mod error;
 mod guess;
+mod interface;
 pub(crate) mod keys;
 pub(crate) mod motion;
 mod origin;
@@ -46,6 +47,7 @@ pub use effects::{
 pub use error::SceneError;
 pub(crate) use error::SceneProblem;
 pub use guess::likely_units;
+pub use interface::{Bonding, Interface};
 pub(crate) use origin::SceneOrigin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
@@ -76,6 +78,8 @@ pub struct Scene {
     pub capsules: Vec<Capsule>,
     /// Deformable bodies.
     pub muscles: Vec<Muscle>,
+    /// How pairs of muscles hold each other; a pair without an entry slides.
+    pub interfaces: Vec<Interface>,
     /// Greatest share of a muscle's vertices that may be fixed; [`MOST_HELD`] for scenes from text.
     pub most_held: f64,
     /// Effects. An effect that is `None` allocates nothing and runs nothing.

@@ -29,8 +29,8 @@ use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
 use super::{
-    BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, motion, overrides, parse_effects,
-    parse_muscle, paths,
+    BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, interface, motion, overrides,
+    parse_effects, parse_muscle, paths,
 };
 use crate::mesh::repair::{LONGEST_RIM, RepairOptions};
 use crate::mesh::shapes;
@@ -196,6 +196,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         frame_rate,
         bones,
         capsules,
+        interfaces: interface::interfaces(root, &muscles)?,
         muscles,
         effects: parse_effects::effects(root)?,
         solver: parse_effects::solver(root)?,

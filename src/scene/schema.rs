@@ -207,6 +207,13 @@ pub(super) const MUSCLE: Schema = Schema::Listed(&[
     ("displace", List(&DISPLACE)),
 ]);
 
+pub(super) const INTERFACE: Schema = Schema::Listed(&[
+    ("between", Plain),
+    ("kind", Text),
+    ("stiffness", Text),
+    ("within", Text),
+]);
+
 const MATERIAL: Schema = Schema::Material;
 
 const ATTACHMENT: Schema = Schema::Listed(&[

@@ -29,6 +29,8 @@ pub enum Dimension {
     Force,
     /// In-plane stiffness of a surface [N/m].
     Stiffness,
+    /// Stiffness of a bond of two surfaces for each area [N/m^3].
+    BondStiffness,
     /// Damping of a point: force over velocity [N s/m].
     Damping,
     /// Moment, or bending stiffness of a surface [N m].
@@ -129,6 +131,13 @@ const STIFFNESS: &[Unit] = &[
     unit(&["N/cm"], 2),
     unit(&["mN/mm"], 0),
 ];
+const BOND_STIFFNESS: &[Unit] = &[
+    unit(&["N/m3", "Pa/m"], 0),
+    unit(&["kN/m3", "kPa/m", "Pa/mm"], 3),
+    unit(&["MN/m3", "MPa/m", "kPa/mm"], 6),
+    unit(&["N/mm3", "GN/m3", "MPa/mm"], 9),
+    unit(&["N/cm3"], 6),
+];
 const DAMPING: &[Unit] = &[
     unit(&["N*s/m", "Ns/m", "kg/s"], 0),
     unit(&["mN*s/m", "g/s"], -3),
@@ -158,7 +167,7 @@ const RATIO: &[Unit] = &[unit(&["%"], -2), unit(&["1", ""], 0)];
 
 impl Dimension {
     /// All dimensions, in the order above.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Length,
         Self::Area,
         Self::Volume,
@@ -169,6 +178,7 @@ impl Dimension {
         Self::Density,
         Self::Force,
         Self::Stiffness,
+        Self::BondStiffness,
         Self::Damping,
         Self::Moment,
         Self::Pressure,
@@ -188,6 +198,7 @@ impl Dimension {
             Self::Density => DENSITY,
             Self::Force => FORCE,
             Self::Stiffness => STIFFNESS,
+            Self::BondStiffness => BOND_STIFFNESS,
             Self::Damping => DAMPING,
             Self::Moment => MOMENT,
             Self::Pressure => PRESSURE,
@@ -226,6 +237,7 @@ impl Dimension {
             Self::Density => "1060 kg/m3",
             Self::Force => "10 N",
             Self::Stiffness => "300 N/m",
+            Self::BondStiffness => "2e7 N/m3",
             Self::Damping => "0.4 N s/m",
             Self::Moment => "2e-4 N m",
             Self::Pressure => "20 kPa",
@@ -248,6 +260,7 @@ impl fmt::Display for Dimension {
             Self::Density => "density",
             Self::Force => "force",
             Self::Stiffness => "surface stiffness",
+            Self::BondStiffness => "bond stiffness",
             Self::Damping => "damping",
             Self::Moment => "bending stiffness",
             Self::Pressure => "pressure",

@@ -4,6 +4,7 @@ pub(crate) mod assets;
 pub(crate) mod attachments;
 pub(crate) mod audit;
 pub(crate) mod body;
+mod bonds;
 pub mod checkpoint;
 mod contact_comparison;
 mod effects;
@@ -145,6 +146,7 @@ impl Simulation {
             scene,
         };
         simulation.gather();
+        simulation.note_bonds();
         Ok(simulation)
     }
 

@@ -5,10 +5,11 @@ mod staged;
 
 use std::sync::Arc;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use serde::Serialize;
 
 use super::assets::{Assets, MuscleAsset};
+use super::bonds;
 use super::effects::{EffectModel, MODELS, Scope};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
@@ -91,6 +92,7 @@ impl Plan {
             }
         }
         plan.leave_friction(scene);
+        plan.add_bonds(scene, assets);
         plan
     }
 
@@ -111,6 +113,32 @@ impl Plan {
         }
         let decided = planner.decided;
         self.muscles.push(decided);
+    }
+
+    /// The bonds between muscles; the elements are the vertices in reach of the other's box.
+    fn add_bonds(&mut self, scene: &Scene, assets: &Assets) {
+        for interface in &scene.interfaces {
+            let Some(bonding) = &interface.bond else {
+                continue;
+            };
+            let [name, other] = interface.between.map(|m| scene.muscles[m].name.as_str());
+            let effect = format!("bond with {other}");
+            if let Some(why) = bonds::left_out(scene, self, interface) {
+                self.leave(name, &effect, why);
+                continue;
+            }
+            let within = bonds::within(scene, bonding);
+            let [a, b] = interface.between.map(|m| &assets.muscles[m].mesh);
+            let elements = near(a, b, within) + near(b, a, within);
+            let sweeps = sub_steps(scene) * f64::from(scene.solver.iterations());
+            self.run.push(Planned {
+                muscle: name.to_owned(),
+                effect,
+                elements,
+                bytes: elements * BOND,
+                ms_per_frame: elements as f64 * NS_OF_BOND * sweeps * 1e-6,
+            });
+        }
     }
 
     fn leave_friction(&mut self, scene: &Scene) {
@@ -259,6 +287,17 @@ impl<'a> Planner<'a> {
         });
     }
 }
+
+/// Number of vertices of a mesh within a distance of the box of another one.
+fn near(mesh: &TriangleMesh, other: &TriangleMesh, within: f64) -> usize {
+    let reach = other.bounding_box().inflate(within);
+    let is_near = |x: &&Point3<f64>| reach.intersects(&Aabb::of_points([*x]));
+    mesh.vertices.iter().filter(is_near).count()
+}
+
+/// Memory of a bond [bytes], and its time in a sweep [ns].
+const BOND: usize = 120;
+const NS_OF_BOND: f64 = 60.0;
 
 /// Memory of a vertex that can meet others, with its near pairs [bytes].
 const MET: usize = 640;

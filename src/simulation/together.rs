@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::body::{Body, Stepper};
+use super::bonds::Bonded;
 use super::{SETTLED, Simulation, place, step_body};
 use crate::contact::PosedObstacle;
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember, StepMotions};
@@ -23,6 +24,8 @@ pub(super) struct Group {
     pub members: Vec<usize>,
     /// What they do to each other, to themselves and to bones; `None` without contact.
     meeting: Option<Meeting>,
+    /// The interfaces whose bonds it has, with the numbers of their springs.
+    bonds: Vec<(usize, usize)>,
     /// The obstacles of each member when the meeting was made.
     obstacles: Vec<Vec<usize>>,
 }
@@ -55,13 +58,17 @@ impl Simulation {
         let first = place(&self.scene, &self.surfaces);
         self.groups = members
             .into_iter()
-            .map(|members| Group {
-                obstacles: members
-                    .iter()
-                    .map(|&b| obstacles_of(&self.bodies[b]))
-                    .collect(),
-                meeting: self.meeting(&members, &partners, &first),
-                members,
+            .map(|members| {
+                let obstacles = members.iter().map(|&b| obstacles_of(&self.bodies[b]));
+                let obstacles = obstacles.collect();
+                let made = self.meeting(&members, &partners, &first);
+                let (meeting, bonds) = made.unzip();
+                Group {
+                    obstacles,
+                    meeting,
+                    bonds: bonds.unwrap_or_default(),
+                    members,
+                }
             })
             .collect();
         for group in self.groups.iter().filter(|group| group.meeting.is_some()) {
@@ -96,7 +103,7 @@ impl Simulation {
         members: &[usize],
         partners: &[[usize; 2]],
         first: &[PosedObstacle],
-    ) -> Option<Meeting> {
+    ) -> Option<(Meeting, Vec<(usize, usize)>)> {
         let contact = self.scene.effects.contact?;
         if !members.iter().all(|&b| is_swept(&self.bodies[b])) {
             return None;
@@ -122,10 +129,9 @@ impl Simulation {
                 obstacles,
             })
             .collect();
-        let place_of = |b: usize| members.iter().position(|&m| m == b);
         let partners: Vec<[usize; 2]> = partners
             .iter()
-            .filter_map(|&[a, b]| Some([place_of(a)?, place_of(b)?]))
+            .filter_map(|&[a, b]| Some([place_in(members, a)?, place_in(members, b)?]))
             .collect();
         let has_bones = obstacles
             .iter()
@@ -134,10 +140,24 @@ impl Simulation {
         if !(settings.itself || has_bones || !partners.is_empty()) {
             return None;
         }
-        Some(Meeting::new(settings, &soft, &partners, first, |o| {
-            self.surfaces.get(o).cloned()
-        }))
+        let bone = |o: usize| self.surfaces.get(o).cloned();
+        let mut meeting = Meeting::new(settings, &soft, &partners, first, bone);
+        let (mut interfaces, mut specs) = (Vec::new(), Vec::new());
+        for bonded in self.bonded() {
+            let Bonded { interface, bodies } = &bonded;
+            if let [Some(a), Some(b)] = bodies.map(|b| place_in(members, b)) {
+                interfaces.push(*interface);
+                specs.extend(self.bond_spec(&bonded, [a, b]));
+            }
+        }
+        let counts = meeting.bond(&soft, &specs);
+        Some((meeting, interfaces.into_iter().zip(counts).collect()))
     }
+}
+
+/// The place of body `b` among the members of a group.
+fn place_in(members: &[usize], b: usize) -> Option<usize> {
+    members.iter().position(|&m| m == b)
 }
 
 /// Bodies with a surface whose steps are sweeps over constraints.
@@ -199,6 +219,11 @@ impl Group {
         }
     }
 
+    /// The interfaces whose bonds it has, with the numbers of their springs.
+    pub(super) fn bonds(&self) -> &[(usize, usize)] {
+        &self.bonds
+    }
+
     /// The counts since the last call.
     pub(super) fn take_certificate(&mut self) -> Certificate {
         self.meeting
@@ -244,6 +269,9 @@ fn step(
             }
         }
         let begin = std::time::Instant::now();
+        if meeting.project_bonds(&mut positions_mut(bodies), dt) {
+            motions = None;
+        }
         meeting.respond(&mut positions_mut(bodies), motions);
         note(bodies, begin);
         project_volumes(meeting, bodies, dt);

@@ -56,6 +56,13 @@ pub fn hinges(mesh: &TriangleMesh, topology: &Topology, bending: f64) -> (Vec<Be
         .unzip()
 }
 
+/// Stiffness of a bond of two surfaces for each area [N/m^3]: k = E1 E2 / ((E1 + E2) l^2) with their
+/// in-plane stiffnesses E1 and E2 [N/m]. A shear between the surfaces then decays over the length
+/// `l` \[m\] along them: sqrt(E1 E2 / ((E1 + E2) k)) = l for two long strips.
+pub fn bond([one, other]: [f64; 2], length: f64) -> f64 {
+    one * other / ((one + other).max(f64::MIN_POSITIVE) * length * length)
+}
+
 /// Compliance [m/N] or [1/(N m)] of a stiffness.
 pub fn compliance(stiffness: &[f64]) -> Vec<f64> {
     stiffness.iter().map(|k| 1.0 / k).collect()

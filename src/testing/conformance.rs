@@ -205,7 +205,7 @@ fn moved_parameters(
         .iter()
         .zip(values)
         .map(|(kind, value)| match kind {
-            Parameter::Length => value * scale,
+            Parameter::Length | Parameter::Height => value * scale,
             Parameter::Volume => value * scale.powi(3),
             Parameter::Coordinate(axis) => value * scale + offset[*axis],
             Parameter::Angle | Parameter::Direction(_) | Parameter::Weight => *value,

@@ -91,6 +91,7 @@ impl Draw {
             .iter()
             .map(|kind| match kind {
                 Parameter::Length => self.index(1 << 20) as f64 / (1 << 20) as f64,
+                Parameter::Height => 0.5 * self.dyadic(),
                 Parameter::Angle => self.between(-3.0, 3.0),
                 Parameter::Volume => self.dyadic(),
                 Parameter::Coordinate(_) => 2.0 + self.dyadic(),

@@ -4,7 +4,7 @@
 use nalgebra::{Point3, Vector3};
 use pliant::Particles;
 use pliant::constraints::{
-    Bending, Constraint, Distance, KINDS, Project, Scalar, SweepOrder, TetrahedronVolume,
+    Bending, Bond, Constraint, Distance, KINDS, Project, Scalar, SweepOrder, TetrahedronVolume,
     TriangleContact, for_each_kind,
 };
 use pliant::constraints::{ForEachKind, Parameter, Spec};
@@ -152,6 +152,16 @@ fn p10_permuted_points_give_the_same_constraint() {
             };
             permuted((contact, other), &x, order, 1.0).unwrap();
         }
+        let bond = Bond::from_parameters([0, 1, 2, 3], &draw.parameters(Bond::PARAMETERS));
+        for (order, sign) in orders().into_iter().filter(|(order, _)| order[0] == 0) {
+            // The other side of the triangle is the negative height.
+            let other = Bond {
+                weights: [1, 2, 3].map(|k| bond.weights[order[k] - 1]),
+                height: sign * bond.height,
+                ..bond
+            };
+            permuted((bond, other), &x, order, 1.0).unwrap();
+        }
         // Control: the wrong sign of a permutation is detected.
         assert!(permuted((volume, volume), &x, [1, 0, 2, 3], 1.0).is_err());
         assert!(permuted((hinge, hinge), &x, [1, 0, 3, 2], -1.0).is_err());
@@ -164,6 +174,7 @@ fn p10_permuted_points_give_the_same_constraint() {
         "anchor",
         "plane contact",
         "triangle contact",
+        "bond",
     ];
     assert_eq!(KINDS, known);
 }
@@ -321,6 +332,15 @@ fn p13_momentum_of_one_constraint() {
             ),
             impulse_error(Bending::new(points, 0.2), &x, &w),
             impulse_error(TetrahedronVolume { points, rest: 0.1 }, &x, &w),
+            impulse_error(
+                Bond {
+                    points,
+                    weights: [0.2, 0.3, 0.5],
+                    height: 0.1,
+                },
+                &x,
+                &w,
+            ),
         ];
         assert!(
             worst(errors) <= T8,

@@ -127,6 +127,12 @@ impl Row {
         self.push > 0.0
     }
 
+    /// The impulse on each corner in this step, times the length of the step [kg m] at unit mobility.
+    #[cfg(test)]
+    pub fn impulses(&self) -> [(u32, Vector3<f64>); 4] {
+        std::array::from_fn(|k| (self.corners[k], self.normal * (self.weights[k] * self.push)))
+    }
+
     /// The corners that the contact touches, each with the direction away from the other part.
     pub fn directions(&self) -> impl Iterator<Item = (u32, Vector3<f64>)> + '_ {
         let each = self.corners.iter().zip(&self.weights);

@@ -1,5 +1,8 @@
 //! No crossing after any motion, by exact predicates, and the controls without which there are some.
 
+#[path = "certified/tests.rs"]
+mod certified;
+
 use nalgebra::{Point3, Vector3};
 
 use super::*;

@@ -27,6 +27,7 @@ impl Fingerprint {
             bones,
             capsules,
             muscles,
+            interfaces,
             // Only a check; changes no result.
             most_held: _,
             effects,
@@ -40,6 +41,7 @@ impl Fingerprint {
         print.add("`frame_rate`".to_owned(), frame_rate);
         print.add("`effects`".to_owned(), effects);
         print.add("`solver`".to_owned(), solver);
+        print.add("`interface`".to_owned(), interfaces);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
             // Surface and repair determine the mesh.
             let BoneSpec {
