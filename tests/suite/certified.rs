@@ -244,7 +244,7 @@ fn p34_closing_walls_of_soft_bodies_cross_nothing_silently() {
         let (crossed, open, volume) = closed_to(share);
         println!("closed to {share}: {crossed} crossings, {open} open, volume {volume}");
         assert!(volume.is_finite());
-        // Walls through each other leave no room: it is told.
+        // Walls through each other leave no room; the certificate counts the open pairs.
         assert!(share > 0.0 || open > 0);
     }
 }

@@ -160,7 +160,7 @@ fn output(simulation: &Simulation, ahead: usize) -> RunOutput<'static> {
         ),
         name,
         verdicts: vec![
-            Verdict::new("a vertex is inside a bone", compared.inside > 0)
+            Verdict::new("at least one vertex is inside a bone", compared.inside > 0)
                 .else_do("give a larger --ahead, or a --frame before the bones move"),
             agree,
         ],

@@ -274,7 +274,7 @@ fn stack(frames: usize, from_top: bool, guard: Guard) -> (usize, usize, u64) {
 fn a5_a_pressed_stack_keeps_its_order() {
     assert_eq!(stack(cases(80), false, Guard::All), (0, 0, 0));
     // A push goes against the order of pairs by one layer a round. From above at 0.5 mm a step, rounds
-    // end before it has gone through the stack: sheets cross, and the open pairs tell it.
+    // end before it has gone through the stack: sheets cross, and the certificate counts open pairs.
     let (crossed, _, open) = stack(40, true, Guard::All);
     assert!(
         crossed == 0 || open > 0,
