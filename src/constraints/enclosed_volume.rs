@@ -64,6 +64,14 @@ impl EnclosedVolume {
         }
     }
 
+    /// The same volume over `count` vertices, of which its own begin at `first`.
+    #[must_use]
+    pub fn shifted(&self, first: u32, count: usize) -> Self {
+        let shift = |t: &[u32; 3]| t.map(|v| v + first);
+        let triangles: Vec<[u32; 3]> = self.triangles.iter().map(shift).collect();
+        Self::new(&triangles, count, self.target, self.compliance).with_width(self.width)
+    }
+
     /// Classic stiffness 0..1: each projection makes only this share of the correction.
     #[must_use]
     pub fn with_relaxation(mut self, factor: f64) -> Self {

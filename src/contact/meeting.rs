@@ -193,6 +193,8 @@ pub struct Meeting {
     kept: f64,
     /// Gap that does not shrink further [m].
     floor: f64,
+    /// Pairs that are nearer than their distance by at most this are not pushed [m].
+    slack: f64,
     /// Relative motion for which lists hold beyond the present one [m].
     margin: f64,
     certificate: Certificate,
@@ -299,6 +301,7 @@ impl Meeting {
             edge,
             kept: KEPT,
             floor: FLOOR * settings.thickness,
+            slack: 0.0,
             margin: MARGIN * edge,
             certificate: Certificate::default(),
             bonds: None,
@@ -322,6 +325,17 @@ impl Meeting {
                 let v = (v as usize).checked_sub(first).filter(|v| *v < count)?;
                 Some((v as u32, normal))
             })
+    }
+
+    /// Leaves pairs that have nearly their distance where they are, so that what is pushed apart is not
+    /// pushed again: for the trials of a minimisation.
+    pub fn push_once(&mut self) {
+        self.slack = rows::NEARLY * self.settings.thickness;
+    }
+
+    /// Adds to the counts.
+    pub fn count(&mut self, counts: &Certificate) {
+        self.certificate.add(counts);
     }
 
     /// The counts since the last call.

@@ -4,14 +4,15 @@ use nalgebra::{Point3, Vector3};
 
 use crate::state::{DecodeError, Reader, Value, Writer};
 
-/// A half-space constraint on a weighted mean of up to three vertices: n.(sum w x - o) >= distance.
+/// A half-space constraint on a weighted sum of up to four vertices: n.(sum w (x - o)) >= distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactPlane {
-    /// Vertices and their weights; for a single vertex the others have weight zero.
-    pub terms: [(u32, f64); 3],
+    /// Vertices and their weights; for a single vertex the others have weight zero. For two parts that
+    /// both move the weights sum to zero.
+    pub terms: [(u32, f64); 4],
     /// Unit direction away from the obstacle.
     pub normal: Vector3<f64>,
-    /// A point of the obstacle [m].
+    /// A point of the obstacle [m]; without effect for two parts that both move.
     pub origin: Point3<f64>,
     /// Required height over the plane [m].
     pub distance: f64,
@@ -43,6 +44,11 @@ impl ContactPlane {
             .for_each(|&(v, w)| field[v as usize] += self.normal * (w * factor));
     }
 
+    /// True for two parts that both move.
+    pub(crate) fn is_pair(&self) -> bool {
+        self.terms.iter().map(|(_, w)| w).sum::<f64>().abs() < 0.5
+    }
+
     /// True if a force presses against the obstacle.
     pub fn is_pressed(&self, force: &[Vector3<f64>]) -> bool {
         self.along(force) < 0.0
@@ -59,7 +65,7 @@ impl ContactPlane {
 }
 
 impl Value for ContactPlane {
-    const MIN_BYTES: usize = 3 * 12 + 24 + 24 + 8;
+    const MIN_BYTES: usize = 4 * 12 + 24 + 24 + 8;
 
     fn encode(&self, to: &mut Writer) {
         let Self {

@@ -362,18 +362,18 @@ impl Contacts {
             .iter()
             .flat_map(|c| &c.planes)
             .map(|plane| ContactPlane {
-                terms: [
-                    (plane.vertex, 1.0),
-                    (plane.vertex, 0.0),
-                    (plane.vertex, 0.0),
-                ],
+                terms: [1.0, 0.0, 0.0, 0.0].map(|weight| (plane.vertex, weight)),
                 normal: plane.normal,
                 origin: plane.origin,
                 distance: self.thickness,
             });
         let active = self.triangles.iter().flat_map(|c| &c.active);
         let triangles = active.map(|plane| ContactPlane {
-            terms: std::array::from_fn(|k| (plane.points[k], plane.weights[k])),
+            // The fourth one repeats a vertex without weight.
+            terms: std::array::from_fn(|k| match k {
+                3 => (plane.points[0], 0.0),
+                _ => (plane.points[k], plane.weights[k]),
+            }),
             normal: -plane.normal,
             origin: plane.origin,
             distance: plane.thickness,

@@ -31,7 +31,7 @@ pub(super) fn left_out(scene: &Scene, plan: &Plan, interface: &Interface) -> Opt
         return Some("muscles step together with [effects.contact] alone");
     };
     if scene.solver.minimisation().is_some() {
-        return Some("a minimum of energy is computed for each muscle alone; `solver.xpbd` has it");
+        return Some("a minimum of energy has no bonds yet; `solver.xpbd` has them");
     }
     if !contact.between.muscles {
         return Some("`effects.contact.between` does not name muscles");

@@ -158,10 +158,6 @@ fn plan_contact(planner: &mut Planner<'_>) {
 /// Contact of a muscle with itself and with the muscles after it.
 fn plan_meetings(planner: &mut Planner<'_>, between: ContactPartners) {
     let (scene, m) = (planner.scene, planner.index());
-    if scene.solver.minimisation().is_some() {
-        let why = "a minimum of energy keeps muscles out of bones alone; `solver.xpbd` has it";
-        return planner.leave("contact with muscles and itself", why);
-    }
     match between.itself {
         true => planner.meets(None, "contact with itself"),
         false => planner.leave("contact with itself", "`between` does not name self"),

@@ -82,6 +82,11 @@ impl Equilibrium {
         &mut self.solver.problem.energy
     }
 
+    /// Stopping criteria.
+    pub(super) fn settings(&self) -> DescentSettings {
+        self.solver.problem.settings
+    }
+
     /// Begins a frame.
     pub(super) fn begin_frame(&mut self) {
         self.residual = 0.0;
@@ -99,15 +104,7 @@ impl Equilibrium {
         dt: f64,
     ) -> Result<(), Broken> {
         let start = system.particles.position.clone();
-        let factor = system.settings.velocity_factor;
-        if let Some(inertia) = &mut self.solver.problem.energy.inertia {
-            let flown = start
-                .iter()
-                .zip(&system.particles.velocity)
-                .map(|(x, v)| x + v * (factor * dt));
-            inertia.target.clear();
-            inertia.target.extend(flown);
-        }
+        self.aim(&system.particles, system.settings.velocity_factor * dt);
         let held: Vec<(u32, Point3<f64>)> = system
             .held
             .iter()
@@ -120,11 +117,7 @@ impl Equilibrium {
                 self.solver.solve(x, &mut NoContact, |_, _| true)
             }
             Some(contacts) => {
-                let mut bones = Bones {
-                    contacts,
-                    placed: placed.to_vec(),
-                    scratch: &mut self.scratch,
-                };
+                let mut bones = Bones::new(contacts, &mut self.scratch, placed);
                 self.solver.follow(x, &held, &mut bones);
                 // A bone can move without any of its attached vertices.
                 if bones.moves() {
@@ -135,22 +128,40 @@ impl Equilibrium {
                 self.solver.solve(x, &mut bones, |_, _| true)
             }
         };
-        system.particles.velocity.fill(Vector3::zeros());
-        if self.solver.problem.energy.inertia.is_some() {
-            let moved = system.particles.position.iter().zip(&start);
-            system
-                .particles
-                .velocity
-                .iter_mut()
-                .zip(moved)
-                .for_each(|(v, (x, start))| *v = (x - start) / dt);
-        }
-        if let Some(particle) = system.particles.first_non_finite() {
+        if let Some(particle) = first_non_finite(&system.particles.position) {
             system.particles.position = start;
+            system.particles.velocity.fill(Vector3::zeros());
             return Err(Broken {
                 effect: "equilibrium",
                 particle,
             });
+        }
+        self.take_outcome(outcome, &start, &mut system.particles, dt);
+        Ok(())
+    }
+
+    /// Sets where the inertia takes the particles with a share of their velocities for `time` [s].
+    pub(super) fn aim(&mut self, particles: &Particles, time: f64) {
+        if let Some(inertia) = &mut self.solver.problem.energy.inertia {
+            let each = particles.position.iter().zip(&particles.velocity);
+            inertia.target.clear();
+            inertia.target.extend(each.map(|(x, v)| x + v * time));
+        }
+    }
+
+    /// Notes the outcome of a step of `dt` [s] from `start` [m], and sets the velocities.
+    pub(super) fn take_outcome(
+        &mut self,
+        outcome: DescentOutcome,
+        start: &[Point3<f64>],
+        particles: &mut Particles,
+        dt: f64,
+    ) {
+        particles.velocity.fill(Vector3::zeros());
+        if self.solver.problem.energy.inertia.is_some() {
+            let moved = particles.position.iter().zip(start);
+            let each = particles.velocity.iter_mut().zip(moved);
+            each.for_each(|(v, (x, start))| *v = (x - start) / dt);
         }
         // Not `f64::max`, which would hide a NaN.
         if !(outcome.residual <= self.residual) {
@@ -158,7 +169,15 @@ impl Equilibrium {
         }
         self.outcome = outcome;
         self.iterations += u64::from(outcome.iterations);
-        Ok(())
+    }
+
+    /// The bones around the muscle with `contacts`.
+    pub(super) fn bones<'a>(
+        &'a mut self,
+        contacts: &'a mut Contacts,
+        placed: &[PosedObstacle],
+    ) -> Bones<'a> {
+        Bones::new(contacts, &mut self.scratch, placed)
     }
 }
 
@@ -209,16 +228,39 @@ fn forces(
     all
 }
 
+/// The first position that is not finite.
+pub(super) fn first_non_finite(x: &[Point3<f64>]) -> Option<usize> {
+    let is_finite = |p: &Point3<f64>| p.coords.iter().all(|c| c.is_finite());
+    x.iter().position(|p| !is_finite(p))
+}
+
 /// Bones as obstacles during the solver's trials.
-struct Bones<'a> {
+pub(super) struct Bones<'a> {
     contacts: &'a mut Contacts,
     placed: Vec<PosedObstacle>,
     scratch: &'a mut Particles,
 }
 
-impl Bones<'_> {
+impl<'a> Bones<'a> {
+    fn new(
+        contacts: &'a mut Contacts,
+        scratch: &'a mut Particles,
+        placed: &[PosedObstacle],
+    ) -> Self {
+        Self {
+            contacts,
+            placed: placed.to_vec(),
+            scratch,
+        }
+    }
+
     fn moves(&self) -> bool {
         self.placed.iter().any(|p| p.before != p.now)
+    }
+
+    /// Sets where the bones are at the start and at the end of the next motion.
+    pub(super) fn place(&mut self, placed: &[PosedObstacle]) {
+        self.placed.clone_from_slice(placed);
     }
 }
 

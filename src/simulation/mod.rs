@@ -12,6 +12,7 @@ pub(crate) mod equilibrium;
 pub(crate) mod tracked;
 mod fault;
 mod ready;
+mod joint;
 pub(crate) mod lattice;
 pub(crate) mod measures;
 pub(crate) mod plan;
@@ -333,8 +334,7 @@ impl State for Simulation {
             notes,
             surfaces: _,
             placed: _,
-            // Lists of pairs are made anew in each frame.
-            groups: _,
+            groups,
             certificate,
             frame,
             substeps: _,
@@ -344,13 +344,13 @@ impl State for Simulation {
         to.list(notes);
         certificate.save(to);
         bodies.iter().for_each(|body| body.save(to));
+        groups.iter().for_each(|group| group.save(to));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let frame: usize = from.take()?;
         self.notes = from.take()?;
         self.certificate.restore(from)?;
-        self.groups.clear();
         match frame.checked_sub(1) {
             None => self.placed = place(&self.scene, &self.surfaces),
             Some(before) => {
@@ -362,7 +362,10 @@ impl State for Simulation {
         let contact = self.scene.effects.contact;
         self.bodies
             .iter_mut()
-            .try_for_each(|body| body.restore(from, &self.placed, contact))
+            .try_for_each(|body| body.restore(from, &self.placed, contact))?;
+        self.groups
+            .iter_mut()
+            .try_for_each(|group| group.restore(from))
     }
 }
 

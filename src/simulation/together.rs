@@ -5,12 +5,14 @@ use rayon::prelude::*;
 
 use super::body::{Body, Stepper};
 use super::bonds::Bonded;
+use super::joint::Joint;
 use super::{SETTLED, Simulation, place, step_body};
-use crate::contact::PosedObstacle;
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember, StepMotions};
 use crate::contact::response::OVER_VERTEX;
+use crate::contact::{Contacts, PosedObstacle};
 use crate::mesh::union_find::UnionFind;
 use crate::solvers::{Broken, DIVERGENCE};
+use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Number of rounds in which volume and certificate are brought together.
 const VOLUME_ROUNDS: usize = 4;
@@ -28,6 +30,8 @@ pub(super) struct Group {
     bonds: Vec<(usize, usize)>,
     /// The obstacles of each member when the meeting was made.
     obstacles: Vec<Vec<usize>>,
+    /// Their common energy, if a step is the minimum of one.
+    joint: Option<Joint>,
 }
 
 impl Simulation {
@@ -35,11 +39,12 @@ impl Simulation {
     pub(super) fn gather(&mut self) {
         let known = |group: &Group| {
             let same = |(&b, obstacles): (&usize, &Vec<usize>)| {
-                self.bodies
-                    .get(b)
-                    .is_some_and(|body| obstacles_of(body) == *obstacles)
+                self.bodies.get(b).is_some_and(|body| {
+                    obstacles_of(body) == *obstacles && (group.meeting.is_none() || can_meet(body))
+                })
             };
-            group.members.iter().zip(&group.obstacles).all(same)
+            group.members.len() == group.obstacles.len()
+                && group.members.iter().zip(&group.obstacles).all(same)
         };
         let count: usize = self.groups.iter().map(|group| group.members.len()).sum();
         if count == self.bodies.len() && self.groups.iter().all(known) {
@@ -56,6 +61,7 @@ impl Simulation {
         }
         members.retain(|members| !members.is_empty());
         let first = place(&self.scene, &self.surfaces);
+        let before = std::mem::take(&mut self.groups);
         self.groups = members
             .into_iter()
             .map(|members| {
@@ -68,13 +74,56 @@ impl Simulation {
                     meeting,
                     bonds: bonds.unwrap_or_default(),
                     members,
+                    joint: None,
                 }
             })
             .collect();
-        for group in self.groups.iter().filter(|group| group.meeting.is_some()) {
+        for group in self
+            .groups
+            .iter_mut()
+            .filter(|group| group.meeting.is_some())
+        {
             for &b in &group.members {
-                let contacts = &mut self.bodies[b].system.contacts;
-                *contacts = contacts.take().map(|contacts| contacts.of_vertices_alone());
+                let body = &mut self.bodies[b];
+                if is_swept(body) {
+                    let contacts = body.system.contacts.take();
+                    body.system.contacts = contacts.map(Contacts::of_vertices_alone);
+                }
+            }
+        }
+        self.join(before);
+    }
+
+    /// Gives each group of minima that meet a common energy: that of the groups `before`, if they have
+    /// the same members.
+    fn join(&mut self, mut before: Vec<Group>) {
+        let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
+        let mut bodies: Vec<Option<&mut Body>> = self.bodies.iter_mut().map(Some).collect();
+        for group in &mut self.groups {
+            let members = group.members.iter();
+            let mut bodies: Vec<&mut Body> = members.filter_map(|&b| bodies[b].take()).collect();
+            let is_minimum = |body: &&mut Body| matches!(body.method, Stepper::Minimum(_));
+            if group.meeting.is_none() || !bodies.iter().all(is_minimum) {
+                continue;
+            }
+            if let Some(meeting) = &mut group.meeting {
+                meeting.push_once();
+            }
+            let same = before
+                .iter_mut()
+                .find(|known| known.members == group.members);
+            group.joint = same.and_then(|known| known.joint.take());
+            if group.joint.is_none() {
+                match Joint::new(&mut bodies, thickness) {
+                    Ok(joint) => group.joint = Some(joint),
+                    Err(error) => {
+                        group.meeting = None;
+                        self.notes.push(format!(
+                            "{}: computed without contact between muscles: {error}",
+                            bodies[0].name
+                        ));
+                    }
+                }
             }
         }
     }
@@ -89,7 +138,7 @@ impl Simulation {
         for (m, plan) in self.plan.muscles.iter().enumerate() {
             for &other in &plan.partners {
                 if let (Some(a), Some(b)) = (body_of(m), body_of(other))
-                    && [a, b].iter().all(|&k| is_swept(&self.bodies[k]))
+                    && [a, b].iter().all(|&k| can_meet(&self.bodies[k]))
                 {
                     partners.push([a, b]);
                 }
@@ -105,7 +154,7 @@ impl Simulation {
         first: &[PosedObstacle],
     ) -> Option<(Meeting, Vec<(usize, usize)>)> {
         let contact = self.scene.effects.contact?;
-        if !members.iter().all(|&b| is_swept(&self.bodies[b])) {
+        if !members.iter().all(|&b| can_meet(&self.bodies[b])) {
             return None;
         }
         let settings = MeetingSettings {
@@ -160,6 +209,11 @@ fn place_in(members: &[usize], b: usize) -> Option<usize> {
     members.iter().position(|&m| m == b)
 }
 
+/// Bodies with a surface whose steps keep clear of other surfaces.
+fn can_meet(body: &Body) -> bool {
+    !matches!(body.method, Stepper::Tracked(_)) && !body.rest.triangles.is_empty()
+}
+
 /// Bodies with a surface whose steps are sweeps over constraints.
 fn is_swept(body: &Body) -> bool {
     matches!(body.method, Stepper::Sweeps) && !body.rest.triangles.is_empty()
@@ -192,11 +246,19 @@ impl Group {
         if bodies.iter().all(|body| body.stopped.is_some()) {
             return;
         }
+        for body in bodies.iter_mut() {
+            if let Some(equilibrium) = body.equilibrium_mut() {
+                equilibrium.begin_frame();
+            }
+        }
         if let Some(first) = steps.first() {
             meeting.begin_frame(&positions(bodies), first);
         }
         for placed in steps {
-            step(meeting, bodies, placed, dt, frame);
+            match &mut self.joint {
+                None => step(meeting, bodies, placed, dt, frame),
+                Some(joint) => joint_step(joint, meeting, bodies, placed, dt, frame),
+            }
         }
         for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
             if let Some(particle) = body.torn() {
@@ -210,7 +272,8 @@ impl Group {
                 );
             }
         }
-        if let Some(last) = steps.last() {
+        // A minimum ends with contact and volume satisfied.
+        if let Some(last) = steps.last().filter(|_| self.joint.is_none()) {
             settle(meeting, bodies, last, dt, SETTLED * thickness);
         }
         meeting.note_gaps();
@@ -229,6 +292,51 @@ impl Group {
         self.meeting
             .as_mut()
             .map_or(Certificate::default(), Meeting::take_certificate)
+    }
+}
+
+impl State for Group {
+    fn save(&self, to: &mut Writer) {
+        // Lists of pairs are made anew in each frame.
+        let Self {
+            members: _,
+            meeting: _,
+            obstacles: _,
+            bonds: _,
+            joint,
+        } = self;
+        joint.iter().for_each(|joint| joint.save(to));
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
+        // The meeting is made anew with the restored bodies.
+        self.obstacles.clear();
+        self.joint
+            .iter_mut()
+            .try_for_each(|joint| joint.restore(from))
+    }
+}
+
+/// A step of bodies with a common energy; if one breaks, all stop.
+fn joint_step(
+    joint: &mut Joint,
+    meeting: &mut Meeting,
+    bodies: &mut [&mut Body],
+    placed: &[PosedObstacle],
+    dt: f64,
+    frame: usize,
+) {
+    if bodies.iter().any(|body| body.stopped.is_some()) {
+        return;
+    }
+    let begin = std::time::Instant::now();
+    if let Err(broken) = joint.step(meeting, bodies, placed, dt) {
+        for body in bodies.iter_mut() {
+            stop(body, frame, broken.clone());
+        }
+    }
+    if let Some(body) = bodies.first_mut() {
+        body.system.clock.note("equilibrium", begin);
     }
 }
 

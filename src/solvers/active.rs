@@ -17,11 +17,16 @@ use crate::state::{DecodeError, Reader, Writer};
 
 /// Greatest number of vertices with stored entries of the inverse; further rows only act by the
 /// push.
-const MOST_VERTICES: usize = 2048;
+const MOST_VERTICES: usize = 4096;
 
 /// Addition to the diagonal of the small matrix, relative to it: rows of one vertex can be
 /// dependent.
 const RIDGE: f64 = 1e-9;
+
+/// Greatest number of sweeps over the reactions of coupled rows, and the change of the last sweep
+/// relative to the greatest reaction: they only choose the rows.
+const SWEEPS: usize = 400;
+const SETTLED: f64 = 1e-5;
 
 /// Entries of the constant inverse between vertices that have touched an obstacle.
 #[derive(Default)]
@@ -44,6 +49,11 @@ impl Touched {
             .collect();
         fresh.sort_unstable();
         fresh.dedup();
+        if self.vertices.len() + fresh.len() > MOST_VERTICES && !self.vertices.is_empty() {
+            // Only what touches now is kept.
+            *self = Self::default();
+            return self.learn(rows, laplacian, unknowns);
+        }
         fresh.truncate(MOST_VERTICES.saturating_sub(self.vertices.len()));
         for group in fresh.chunks(6) {
             let columns = laplacian.columns(unknowns, group);
@@ -65,11 +75,48 @@ impl Touched {
         unknowns: &Unknowns,
     ) -> Active {
         self.learn(&rows, laplacian, unknowns);
-        rows.retain(|row| {
-            row.terms
-                .iter()
-                .any(|(v, w)| *w != 0.0 && self.place.contains_key(v))
-        });
+        rows.retain(|row| self.knows(row));
+        let factor = self.matrix(&rows).cholesky();
+        Active {
+            factor: factor.filter(|_| !rows.is_empty()),
+            rows,
+        }
+    }
+
+    /// The rows that hold against `force` [N]: those that push in the
+    /// displacement of least energy of the constant matrix that no row forbids.
+    pub fn press(
+        &mut self,
+        mut rows: Vec<ContactPlane>,
+        force: &[Vector3<f64>],
+        laplacian: &mut Laplacian,
+        unknowns: &Unknowns,
+    ) -> Active {
+        self.learn(&rows, laplacian, unknowns);
+        rows.retain(|row| self.knows(row));
+        let matrix = self.matrix(&rows);
+        let mut pull = force.to_vec();
+        laplacian.solve(unknowns, &mut [&mut pull]);
+        let lack: Vec<f64> = rows.iter().map(|row| -row.along(&pull)).collect();
+        let reactions = complementary(&matrix, &lack);
+        let pushing: Vec<usize> = (0..rows.len()).filter(|&i| reactions[i] > 0.0).collect();
+        let factor = matrix
+            .select_rows(&pushing)
+            .select_columns(&pushing)
+            .cholesky();
+        Active {
+            rows: pushing.iter().map(|&i| rows[i]).collect(),
+            factor: factor.filter(|_| !pushing.is_empty()),
+        }
+    }
+
+    fn knows(&self, row: &ContactPlane) -> bool {
+        let mut terms = row.terms.iter().filter(|(_, w)| *w != 0.0);
+        terms.any(|(v, _)| self.place.contains_key(v))
+    }
+
+    /// N A^-1 N^T.
+    fn matrix(&self, rows: &[ContactPlane]) -> DMatrix<f64> {
         let n = rows.len();
         let weighed = |row: &ContactPlane| -> Vec<(usize, f64)> {
             let terms = row.terms.iter().filter(|(_, w)| *w != 0.0);
@@ -95,10 +142,7 @@ impl Touched {
             }
             matrix[(i, i)] *= 1.0 + RIDGE;
         }
-        Active {
-            rows,
-            factor: if n > 0 { matrix.cholesky() } else { None },
-        }
+        matrix
     }
 
     /// Heap memory held [bytes].
@@ -249,4 +293,28 @@ impl Active {
             .for_each(|(row, factor)| row.spread(*factor, &mut pull));
         pull
     }
+}
+
+/// The numbers r >= 0 with M r >= `lack`, where r is zero wherever that is not an equality: sweeps over
+/// the rows of the symmetric matrix M.
+fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> Vec<f64> {
+    let mut found = DVector::zeros(lack.len());
+    for _ in 0..SWEEPS {
+        let (mut change, mut most) = (0.0_f64, 0.0_f64);
+        for i in 0..lack.len() {
+            let own = matrix[(i, i)];
+            if !(own > 0.0) {
+                continue;
+            }
+            let before = found[i];
+            let after = (before + (lack[i] - matrix.column(i).dot(&found)) / own).max(0.0);
+            found[i] = after;
+            change = change.max((after - before).abs());
+            most = most.max(after);
+        }
+        if change <= SETTLED * most {
+            break;
+        }
+    }
+    found.as_slice().to_vec()
 }

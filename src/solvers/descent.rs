@@ -23,6 +23,10 @@ pub(super) const ROUNDED: f64 = 64.0 * f64::EPSILON;
 /// Greatest number of sweeps over several volumes.
 const SWEEPS: u32 = 60;
 
+/// Number of sweeps over the reactions of rows that share vertices: the force that is left falls by a
+/// constant factor in each.
+const SUPPORTING: usize = 100;
+
 /// Stopping criteria.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DescentSettings {
@@ -141,8 +145,29 @@ pub trait ContactFilter {
     fn touching(&self) -> f64;
     /// Moves vertices that entered an obstacle on their path from `start` back to its surface.
     fn push(&mut self, start: &[Point3<f64>], x: &mut [Point3<f64>]);
+    /// Number of parts in which a motion to new poses is made.
+    fn parts(&self, _displacement: &[Vector3<f64>]) -> usize {
+        1
+    }
+    /// The obstacles move to where they are after this share of their motion.
+    fn begin_part(&mut self, _share: f64, _start: &[Point3<f64>]) {}
+    /// Takes back the motion of the trial that would pass through something.
+    fn hold(&mut self, _x: &mut [Point3<f64>]) -> Hold {
+        Hold::Kept
+    }
     /// Accepts the last push: the body stays there.
     fn accept(&mut self, x: &[Point3<f64>]);
+}
+
+/// What [`ContactFilter::hold`] did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Hold {
+    /// Nothing had to move.
+    Kept,
+    /// Vertices were moved; nothing passes through anything.
+    Moved,
+    /// No motion of free vertices keeps everything apart.
+    Open,
 }
 
 /// No obstacles.
@@ -341,35 +366,35 @@ impl DescentProblem {
         self.exact(state, multipliers).map(|m| -m).collect()
     }
 
-    /// The active rows: in contact and under pressure.
-    pub(super) fn pressed(
-        &self,
-        x: &[Point3<f64>],
-        state: &State,
-        multipliers: &[f64],
-        rows: &[ContactPlane],
-        touching: f64,
-    ) -> Vec<ContactPlane> {
-        if rows.is_empty() {
-            return Vec::new();
+    /// Adds the reactions of rows that share vertices to a force: those with which the least is left.
+    pub(super) fn support_together(&self, rows: &[ContactPlane], force: &mut Field) {
+        let is_free = |v: u32| self.unknowns.of(v).is_some();
+        let mut free: Vec<ContactPlane> = rows.to_vec();
+        let terms = free.iter_mut().flat_map(|row| &mut row.terms);
+        terms.for_each(|(v, w)| *w = if is_free(*v) { *w } else { 0.0 });
+        let mut reactions = vec![0.0; rows.len()];
+        for _ in 0..SUPPORTING {
+            for (row, reaction) in free.iter().zip(&mut reactions) {
+                let square: f64 = row.terms.iter().map(|(_, w)| w * w).sum();
+                if square > 0.0 {
+                    let after = (*reaction - row.along(force) / square).max(0.0);
+                    row.spread(after - *reaction, force);
+                    *reaction = after;
+                }
+            }
         }
-        let force = self.force(state, multipliers);
-        rows.iter()
-            .filter(|row| row.room(x) <= touching && row.is_pressed(&force))
-            .copied()
-            .collect()
     }
 
+    /// Judges the force that is left with the reactions of obstacles, which `support` adds.
     pub(super) fn judge(
         &self,
         state: &State,
         multipliers: &[f64],
-        holding: &[ContactPlane],
+        support: impl FnOnce(&mut Field),
         outcome: &mut DescentOutcome,
     ) {
         let mut force = self.force(state, multipliers);
-        // Twice, as rows of one vertex share the force.
-        (0..2).for_each(|_| holding.iter().for_each(|row| row.support(&mut force)));
+        support(&mut force);
         self.unknowns.release_held(&mut force);
         outcome.force = (dot(&force, &force) / self.unknowns.free.len().max(1) as f64).sqrt();
         outcome.residual = outcome.force / self.force_scale;

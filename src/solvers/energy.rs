@@ -1,6 +1,8 @@
 //! The potential energy of a body: elastic parts, constant forces, and the inertia of an implicit
 //! step.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::press::Press;
@@ -29,6 +31,8 @@ pub struct Inertia {
 pub struct Energy {
     /// Elastic parts.
     pub elastic: Vec<Box<dyn Potential>>,
+    /// Elastic parts of several bodies, each over vertices of its own.
+    pub members: Vec<Member>,
     /// Constant forces [N], shape `[count]`; empty for none.
     pub forces: Vec<Vector3<f64>>,
     /// Inertia of an implicit step; `None` at rest.
@@ -39,11 +43,70 @@ pub struct Energy {
     pub press: Option<Press>,
 }
 
+/// Elastic parts of one of several bodies.
+pub struct Member {
+    /// Its vertices among those of all bodies.
+    pub range: Range<usize>,
+    /// Its elastic parts, in numbers of its own.
+    pub elastic: Vec<Box<dyn Potential>>,
+}
+
+impl Potential for Member {
+    fn name(&self) -> &'static str {
+        "member"
+    }
+
+    fn energy(&self, x: &[Point3<f64>]) -> f64 {
+        let own = &x[self.range.clone()];
+        self.elastic.iter().map(|part| part.energy(own)).sum()
+    }
+
+    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
+        let (own, slopes) = (&x[self.range.clone()], &mut gradient[self.range.clone()]);
+        let parts = self.elastic.iter();
+        parts
+            .map(|part| part.energy_and_gradient(own, slopes))
+            .sum()
+    }
+
+    fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
+        let first = self.range.start as u32;
+        let shifted = &mut |a: u32, b: u32| pair(a + first, b + first);
+        self.elastic.iter().for_each(|part| part.pairs(shifted));
+    }
+
+    fn hessian(
+        &self,
+        x: &[Point3<f64>],
+        convex: bool,
+        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
+    ) {
+        let (own, first) = (&x[self.range.clone()], self.range.start as u32);
+        let shifted = &mut |a: u32, b: u32, block: &Matrix3<f64>| add(a + first, b + first, block);
+        let parts = self.elastic.iter();
+        parts.for_each(|part| part.hessian(own, convex, shifted));
+    }
+
+    fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
+        let (own, first) = (&x[self.range.clone()], self.range.start as u32);
+        let shifted = &mut |a: u32, b: u32, entry: f64| add(a + first, b + first, entry);
+        let parts = self.elastic.iter();
+        parts.for_each(|part| part.scalar_hessian(own, shifted));
+    }
+
+    fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
+        let own = &x[self.range.clone()];
+        max_or_nan(self.elastic.iter().map(|part| part.force_scale(own)))
+    }
+}
+
 impl Energy {
     /// The elastic parts, then compliant obstacles.
     fn parts(&self) -> impl Iterator<Item = &dyn Potential> {
         let elastic = self.elastic.iter().map(|part| &**part);
-        elastic.chain(self.press.iter().map(|press| press as &dyn Potential))
+        let members = self.members.iter().map(|member| member as &dyn Potential);
+        let press = self.press.iter().map(|press| press as &dyn Potential);
+        elastic.chain(members).chain(press)
     }
 
     /// Energy [J] at positions `x` [m], without that of volumes.
@@ -54,9 +117,10 @@ impl Energy {
     /// Energy [J] without that of volumes; writes its gradient [N].
     pub fn value_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         gradient.fill(Vector3::zeros());
-        let elastic: f64 = self
-            .elastic
-            .iter()
+        let elastic = self.elastic.iter().map(|part| &**part);
+        let members = self.members.iter().map(|member| member as &dyn Potential);
+        let elastic: f64 = elastic
+            .chain(members)
             .map(|part| part.energy_and_gradient(x, gradient))
             .sum();
         gradient
@@ -104,6 +168,12 @@ impl Energy {
         }
     }
 
+    /// Calls `pair` with every two vertices that an elastic part couples.
+    pub fn elastic_pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
+        self.elastic.iter().for_each(|part| part.pairs(pair));
+        self.members.iter().for_each(|member| member.pairs(pair));
+    }
+
     /// Calls `add` with the blocks of the second derivative [N/m] of energy and -p V for each of
     /// `pressures` p. With `convex`, parts that can be indefinite are left out.
     pub fn hessian(
@@ -149,6 +219,10 @@ impl Energy {
     pub fn remember(&mut self, x: &[Point3<f64>]) {
         let memories = self.elastic.iter_mut().filter_map(|part| part.memory_mut());
         memories.for_each(|memory| memory.remember(x));
+        for Member { range, elastic } in &mut self.members {
+            let memories = elastic.iter_mut().filter_map(|part| part.memory_mut());
+            memories.for_each(|memory| memory.remember(&x[range.clone()]));
+        }
     }
 }
 
@@ -158,6 +232,8 @@ impl State for Energy {
         // not used here.
         let Self {
             elastic,
+            // Their bodies save them.
+            members: _,
             forces: _,
             inertia: _,
             volumes: _,

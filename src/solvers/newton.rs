@@ -193,7 +193,7 @@ impl Relax for Descent<'_> {
 
     fn judge(&mut self) -> Result<bool, FactorError> {
         let problem = &self.solver.problem;
-        problem.judge(&self.state, &self.multipliers, &[], &mut self.outcome);
+        problem.judge(&self.state, &self.multipliers, |_| (), &mut self.outcome);
         self.solver.pressures = problem.pressures(&self.state, &self.multipliers);
         Ok(self.outcome.converged)
     }

@@ -15,7 +15,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::active::{Active, Touched};
 use super::descent::{
-    ContactFilter, DescentOutcome, DescentProblem, DescentSettings, ROUNDED, State,
+    ContactFilter, DescentOutcome, DescentProblem, DescentSettings, Hold, ROUNDED, State,
 };
 use super::energy::Energy;
 use super::history::{Field, History};
@@ -23,6 +23,7 @@ use super::sparse::FactorError;
 use super::unknowns::Laplacian;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
+use crate::mesh::measures::max_or_nan;
 use crate::rest::{End, Relax, relax};
 use crate::state::{self, DecodeError, Reader, Writer};
 
@@ -32,6 +33,16 @@ const MEMORY: usize = 8;
 /// Number of iterations that reuse the inverse of the volumes' gradients: it changes little and is
 /// half of the solves. Any field that changes a volume can correct it exactly.
 const KEPT: u32 = 4;
+
+/// Greatest number of rounds in which volumes are corrected and motion through something is taken
+/// back.
+const KEEPING: usize = 4;
+
+/// Greatest number of rounds of contact and volume before a minimisation.
+const SETTLING: usize = 8;
+
+/// Greatest number of times in turn that coupled rows are brought to their distance without a step.
+const RESTORED: usize = 3;
 
 /// Number of iterations between updates of constraints with a period.
 const NOTED: u32 = 8;
@@ -118,27 +129,50 @@ impl QuasiStatic {
         let mut displacement = vec![Vector3::zeros(); x.len()];
         held.iter()
             .for_each(|&(v, to)| displacement[v as usize] = to - x[v as usize]);
-        if displacement.iter().all(|d| *d == Vector3::zeros()) {
+        let is_still = displacement.iter().all(|d| *d == Vector3::zeros());
+        if is_still && contact.parts(&displacement) == 1 {
             return;
         }
-        let start = x.to_vec();
+        let mut flight = vec![Vector3::zeros(); x.len()];
         if let Some(inertia) = &self.problem.energy.inertia {
             // With inertia, a vertex keeps its velocity unless something holds it.
-            let flown = x.iter_mut().zip(&mut displacement).zip(&inertia.target);
-            flown.for_each(|((x, d), target)| (*d, *x) = (*d - (target - *x), *target));
+            let each = flight.iter_mut().zip(x.iter()).zip(&inertia.target);
+            each.for_each(|((flight, x), target)| *flight = target - x);
+            let each = displacement.iter_mut().zip(&flight);
+            each.for_each(|(d, flight)| *d -= flight);
         }
         self.laplacian
             .extend(&self.problem.unknowns, &mut displacement);
-        x.iter_mut().zip(&displacement).for_each(|(x, d)| *x += d);
-        // Exactly, without the rounding of the addition.
-        held.iter().for_each(|&(v, to)| x[v as usize] = to);
+        displacement
+            .iter_mut()
+            .zip(&flight)
+            .for_each(|(d, flight)| *d += flight);
         if !self.active.rows().is_empty() {
             self.active = Active::default();
             self.spreads.0.clear();
         }
-        self.stay_over(&contact.planes(), x);
-        contact.push(&start, x);
-        self.keep_volumes(x);
+        let parts = contact.parts(&displacement);
+        for part in 1..=parts {
+            let start = x.to_vec();
+            let each = x.iter_mut().zip(&displacement);
+            each.for_each(|(x, d)| *x += d / parts as f64);
+            if part == parts {
+                // Exactly, without the rounding of the addition.
+                held.iter().for_each(|&(v, to)| x[v as usize] = to);
+            }
+            contact.begin_part(part as f64 / parts as f64, &start);
+            if parts == 1 {
+                let rows = contact.planes();
+                if !is_coupled(&rows) {
+                    self.stay_over(&rows, x);
+                }
+            }
+            contact.push(&start, x);
+            self.keep_volumes_apart(x, contact);
+            if part < parts {
+                contact.accept(x);
+            }
+        }
         contact.accept(x);
         self.problem.energy.remember(x);
     }
@@ -151,7 +185,7 @@ impl QuasiStatic {
         contact: &mut impl ContactFilter,
         mut watch: impl FnMut(&DescentOutcome, &[Point3<f64>]) -> bool,
     ) -> DescentOutcome {
-        self.keep_volumes(x);
+        self.keep_volumes_apart(x, contact);
         let state = self.problem.state(x);
         let multipliers = self.problem.first_multipliers(&state);
         let limit = self.problem.settings.iterations as usize;
@@ -163,6 +197,7 @@ impl QuasiStatic {
             multipliers,
             rows: Vec::new(),
             direction: Field::new(),
+            restored: 0,
             outcome: DescentOutcome {
                 evaluations: 1,
                 ..DescentOutcome::default()
@@ -248,9 +283,22 @@ impl QuasiStatic {
             ..
         } = self;
         problem.search(x, state, direction, outcome, |end| {
-            lift(problem, laplacian, touched, active, rows, end);
+            // Rows of pairs repeat each other, and a lift over all of them is long.
+            if !is_coupled(rows) {
+                lift(problem, laplacian, touched, active, rows, end);
+            }
             contact.push(x, end);
-            problem.keep_volumes(end, spreads)
+            for _ in 0..KEEPING {
+                if !problem.keep_volumes(end, spreads) {
+                    return false;
+                }
+                match contact.hold(end) {
+                    Hold::Kept => return true,
+                    Hold::Moved => {}
+                    Hold::Open => return false,
+                }
+            }
+            false
         })
     }
 
@@ -263,6 +311,37 @@ impl QuasiStatic {
             rows,
             x,
         );
+    }
+
+    /// Brings rows to their distance and volumes to their targets, until both are there.
+    pub(crate) fn settle(&mut self, x: &mut [Point3<f64>], contact: &mut impl ContactFilter) {
+        for _ in 0..SETTLING {
+            let before = x.to_vec();
+            self.bring_apart(x, contact);
+            let moved = x.iter().zip(&before).map(|(x, before)| (x - before).norm());
+            if max_or_nan(moved) <= contact.touching() {
+                return;
+            }
+        }
+    }
+
+    /// Pushes what is too near to its distance where it is, and keeps the volumes.
+    fn bring_apart(&mut self, x: &mut [Point3<f64>], contact: &mut impl ContactFilter) {
+        let before = x.to_vec();
+        contact.push(&before, x);
+        self.keep_volumes_apart(x, contact);
+        contact.accept(x);
+    }
+
+    /// Brings volumes to their targets without motion through something. Where both cannot be had,
+    /// nothing passes through anything.
+    fn keep_volumes_apart(&mut self, x: &mut [Point3<f64>], contact: &mut impl ContactFilter) {
+        for _ in 0..KEEPING {
+            self.keep_volumes(x);
+            if contact.hold(x) == Hold::Kept {
+                return;
+            }
+        }
     }
 
     /// Brings volumes without compliance to their targets, along the smoothest fields.
@@ -298,7 +377,25 @@ struct Descent<'a, G> {
     /// The planes that vertices near an obstacle must stay over.
     rows: Vec<ContactPlane>,
     direction: Field,
+    /// Number of times that rows were brought to their distance since the last step.
+    restored: usize,
     outcome: DescentOutcome,
+}
+
+impl<G: ContactFilter> Descent<'_, G> {
+    /// Brings coupled rows to their distance where the body is: what is off them has more energy with
+    /// every trial. Returns false if nothing moves.
+    fn restore(&mut self) -> bool {
+        if !is_coupled(&self.rows) || self.restored >= RESTORED {
+            return false;
+        }
+        self.restored += 1;
+        let before = self.x.to_vec();
+        self.solver.bring_apart(self.x, self.contact);
+        self.state = self.solver.problem.state(self.x);
+        self.outcome.evaluations += 1;
+        self.x.iter().zip(&before).any(|(x, before)| x != before)
+    }
 }
 
 impl<G: ContactFilter> Relax for Descent<'_, G> {
@@ -313,18 +410,37 @@ impl<G: ContactFilter> Relax for Descent<'_, G> {
             multipliers,
             rows,
             direction,
+            restored: _,
             outcome,
         } = self;
         *rows = contact.planes();
-        let pressed = solver
-            .problem
-            .pressed(x, state, multipliers, rows, contact.touching());
-        if pressed != solver.active.rows() {
-            let unknowns = &solver.problem.unknowns;
-            solver.active = solver
-                .touched
-                .hold(pressed, &mut solver.laplacian, unknowns);
-            solver.spreads.0.clear();
+        let force = solver.problem.force(state, multipliers);
+        let touching = contact.touching();
+        let touched: Vec<ContactPlane> = rows
+            .iter()
+            .filter(|row| row.room(x) <= touching)
+            .copied()
+            .collect();
+        let unknowns = &solver.problem.unknowns;
+        // Rows that share vertices are chosen together.
+        let next = if is_coupled(rows) {
+            let (touches, all) = (&mut solver.touched, touched.clone());
+            Some(touches.press(all, &force, &mut solver.laplacian, unknowns))
+        } else {
+            let mut pressed = touched.clone();
+            pressed.retain(|row| row.is_pressed(&force));
+            let changed = pressed != solver.active.rows();
+            changed.then(|| {
+                solver
+                    .touched
+                    .hold(pressed, &mut solver.laplacian, unknowns)
+            })
+        };
+        if let Some(next) = next {
+            if next.rows() != solver.active.rows() {
+                solver.spreads.0.clear();
+            }
+            solver.active = next;
         }
         let last = outcome.iterations >= solver.problem.settings.iterations;
         (*direction, *multipliers) = match last && solver.active.rows().is_empty() {
@@ -334,7 +450,18 @@ impl<G: ContactFilter> Relax for Descent<'_, G> {
             false => solver.direction(state),
         };
         let problem = &solver.problem;
-        problem.judge(state, multipliers, solver.active.rows(), outcome);
+        let support = |force: &mut Field| match is_coupled(rows) {
+            true => problem.support_together(&touched, force),
+            // Twice, as rows of one vertex share the force.
+            false => (0..2).for_each(|_| {
+                solver
+                    .active
+                    .rows()
+                    .iter()
+                    .for_each(|row| row.support(force))
+            }),
+        };
+        problem.judge(state, multipliers, support, outcome);
         solver.pressures = problem.pressures(state, multipliers);
         Ok(outcome.converged)
     }
@@ -352,13 +479,14 @@ impl<G: ContactFilter> Relax for Descent<'_, G> {
             multipliers,
             rows,
             direction,
+            restored,
             outcome,
         } = self;
         let Some((end, new)) =
             solver.search(x, (state, multipliers), direction, rows, *contact, outcome)
         else {
             if solver.history.is_empty() {
-                return Ok(false);
+                return Ok(self.restore());
             }
             // The history is misleading: tries again with the constant matrix alone.
             solver.history.clear();
@@ -366,6 +494,7 @@ impl<G: ContactFilter> Relax for Descent<'_, G> {
             return Ok(true);
         };
         outcome.iterations += 1;
+        *restored = 0;
         solver.learn(x, &end, state, &new, multipliers);
         x.copy_from_slice(&end);
         // An angle turns by much less than a period between two updates.
@@ -428,6 +557,11 @@ impl state::State for QuasiStatic {
         *age = from.take()?;
         Ok(())
     }
+}
+
+/// True if rows share vertices of two parts that both move.
+fn is_coupled(rows: &[ContactPlane]) -> bool {
+    rows.iter().any(ContactPlane::is_pair)
 }
 
 /// Lifts `x` smoothly over the violated rows.

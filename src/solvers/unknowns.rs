@@ -80,12 +80,10 @@ fn first_loose(unknowns: &Unknowns, energy: &Energy, to_held: &[(u32, u32, f64)]
     let mut sets = UnionFind::new(unknowns.free.len());
     // By elastic parts alone: the pattern of the volume joins vertices without a force between
     // them.
-    energy.elastic.iter().for_each(|part| {
-        part.pairs(&mut |a, b| {
-            if let (Some(i), Some(j)) = (unknowns.of(a), unknowns.of(b)) {
-                sets.join(i, j);
-            }
-        });
+    energy.elastic_pairs(&mut |a, b| {
+        if let (Some(i), Some(j)) = (unknowns.of(a), unknowns.of(b)) {
+            sets.join(i, j);
+        }
     });
     let mut is_held = vec![false; unknowns.free.len()];
     for &(i, _, value) in to_held.iter().filter(|(_, _, value)| *value != 0.0) {

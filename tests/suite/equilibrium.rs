@@ -295,7 +295,7 @@ impl ContactFilter for Floor {
     fn planes(&self) -> Vec<ContactPlane> {
         let origin = Point3::new(0.0, self.height, 0.0);
         let row = |v| ContactPlane {
-            terms: [(v, 1.0), (v, 0.0), (v, 0.0)],
+            terms: [(v, 1.0), (v, 0.0), (v, 0.0), (v, 0.0)],
             normal: Vector3::y(),
             origin,
             distance: 0.0,

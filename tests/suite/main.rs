@@ -24,6 +24,7 @@ mod filled;
 mod io;
 mod lanes;
 mod lattice;
+mod minima;
 mod moment_arms;
 mod morph;
 mod oracles;

@@ -93,6 +93,16 @@ impl Meeting {
         changed
     }
 
+    /// As [`Self::hold`], for a trial; `None` if more than `most` pairs cross, and then nothing moves.
+    pub fn hold_few(
+        &mut self,
+        bodies: &mut [&mut [Point3<f64>]],
+        most: usize,
+    ) -> Option<Vec<Vec<u32>>> {
+        self.set_end(bodies, None);
+        (self.crossings().len() <= most).then(|| self.hold(bodies, None))
+    }
+
     /// Puts the pairs that are not in order back into it, in turn: by motion `along` their normals, or
     /// back towards the start. Returns true if a vertex moved.
     fn put_back(&mut self, found: &[Crossing], along: bool, back: &mut Back) -> bool {

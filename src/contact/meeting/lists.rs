@@ -7,9 +7,10 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::super::gap::{Parts, gap, height, max2};
+use super::super::gap::{Gap, Parts, gap, height, max2};
 use super::super::near_pairs::{Facet, near_pairs};
 use super::super::patches::{Motion, Turn};
+use super::super::plane::ContactPlane;
 use super::super::surface::box_pairs;
 use super::{Against, FAR, Meeting, Member, Patch, SUMMED};
 use crate::mesh::measures::Aabb;
@@ -510,6 +511,45 @@ impl Meeting {
             bucket.reach = f64::NEG_INFINITY;
         }
         self.wake_up();
+    }
+
+    /// The pairs of soft surfaces whose gap at the start of the step is at most `touching` [m] above
+    /// the distance that they keep, as constraints on the numbers of soft vertices, in the order of
+    /// their parts.
+    pub fn planes(&mut self, touching: f64) -> Vec<ContactPlane> {
+        self.end.copy_from_slice(&self.start);
+        self.note_step();
+        // Buckets that sleep can have such pairs.
+        self.awake = self.buckets.len();
+        let soft = self.soft_count as u32;
+        let mut found = self.look(|bucket, moved, [start, _], found| {
+            if bucket.against == Against::Bone {
+                return;
+            }
+            bucket.nearer((touching, true), moved, start, |pair, known| {
+                let reach = pair.distance + touching;
+                let is_soft = pair.corners.iter().all(|v| *v < soft);
+                if !is_soft || !(pair.distance > 0.0) || !(known <= reach) {
+                    return known;
+                }
+                let gap = gap(pair.parts, &pair.of(start)).filter(|gap| gap.height <= reach);
+                // A vertex at the end of an edge has a pair of its own.
+                let is_own = |gap: &Gap| pair.parts.first() == 1 || gap.inner;
+                if let Some(gap) = gap.filter(is_own) {
+                    found.push(((pair.parts, pair.corners), gap, pair.distance));
+                }
+                known
+            });
+        });
+        self.wake_up();
+        found.sort_unstable_by_key(|(key, ..)| *key);
+        let plane = |((_, corners), gap, distance): ((Parts, [u32; 4]), Gap, f64)| ContactPlane {
+            terms: std::array::from_fn(|k| (corners[k], gap.weights[k])),
+            normal: gap.normal,
+            origin: self.start[corners[0] as usize],
+            distance,
+        };
+        found.into_iter().map(plane).collect()
     }
 
     /// Notes the least gap at the end of a frame.

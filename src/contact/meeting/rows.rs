@@ -9,7 +9,7 @@ use super::{Key, Meeting, StepMotions};
 /// Greatest number of sweeps over all rows of a step, and the greatest correction of the last sweep
 /// relative to the thickness.
 const SWEEPS: usize = 12;
-const NEARLY: f64 = 0.02;
+pub(super) const NEARLY: f64 = 0.02;
 
 /// A pair that is pushed apart in this step: C = n.(sum w x) - distance >= 0.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +37,7 @@ impl Meeting {
             let mut largest = 0.0_f64;
             for row in &mut self.rows {
                 let most = row.distance.max(NEARLY * self.settings.thickness);
-                let by = row.push(&mut self.end, &self.mass, most);
+                let by = row.push(&mut self.end, &self.mass, most, self.slack);
                 largest = largest.max(by);
             }
             if largest <= NEARLY * self.settings.thickness {
@@ -52,6 +52,7 @@ impl Meeting {
     /// Looks at every pair that comes nearer than its distance. Its closest points are those at the
     /// start of the step, where no pair crosses, so that the normal cannot point the wrong way.
     fn find_rows(&mut self) {
+        let slack = self.slack;
         let mut found = self.look(|bucket, moved, [start, end], found| {
             bucket.nearer((AHEAD * moved.step, true), moved, start, |pair, least| {
                 let distance = pair.distance;
@@ -66,7 +67,7 @@ impl Meeting {
                 let is_near = gap.height < distance;
                 // A vertex at the end of an edge has a pair of its own.
                 let is_own = pair.parts.first() == 1 || gap.inner;
-                let is_pushed = is_own && !(row.height(end) >= distance);
+                let is_pushed = is_own && !(row.height(end) >= distance - slack);
                 if is_near || is_pushed {
                     found.push((row, is_near, is_pushed));
                 }
@@ -140,10 +141,11 @@ impl Row {
             .map(|(&v, w)| (v, self.normal * w.signum()))
     }
 
-    /// Pushes the pair apart, at most by `most` [m]. Returns the correction [m].
-    fn push(&mut self, x: &mut [Point3<f64>], mass: &[f64], most: f64) -> f64 {
+    /// Pushes the pair apart if it is nearer by more than `slack`, at most by `most` [m]. Returns the
+    /// correction [m].
+    fn push(&mut self, x: &mut [Point3<f64>], mass: &[f64], most: f64, slack: f64) -> f64 {
         let lack = self.distance - self.height(x);
-        if !(lack > 0.0) {
+        if !(lack > slack) {
             return 0.0;
         }
         let w = self.corners.map(|v| mass[v as usize]);
