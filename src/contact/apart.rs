@@ -300,9 +300,7 @@ impl Scene {
                 seen = self.shrink(seen);
             }
             self.activate(&seen);
-            apply(&mut self.all, &seen.pushes, SWEEPS);
-            self.unfold();
-            self.keep_volumes(&seen.pushes);
+            self.push(&seen, round);
             seen = self.look(round % LOOK == LOOK - 1);
         }
         seen
@@ -406,6 +404,16 @@ impl Scene {
         sides::common(a, &exits, &mut sides);
         self.watches[at] = Watch::default();
         self.sides[at] = sides;
+    }
+
+    /// Applies the pushes of one look, and restores volumes. Folds are searched for only in some
+    /// rounds, and where nothing else is left.
+    fn push(&mut self, seen: &Seen, round: usize) {
+        apply(&mut self.all, &seen.pushes, SWEEPS);
+        if round.is_multiple_of(UNFOLD) || seen.is_clear() {
+            self.unfold();
+        }
+        self.keep_volumes(&seen.pushes);
     }
 
     /// Lets the muscles of overlapping pairs move.

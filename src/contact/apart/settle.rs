@@ -3,11 +3,10 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::push::apply;
-use super::{SWEEPS, Scene, Seen};
+use super::{Scene, Seen};
 
 /// Greatest number of attempts to return; most of the motion that is not needed is gone by then.
-const RETURNS: usize = 12;
+const RETURNS: usize = 8;
 /// Share of its motion that a muscle gives up in the first attempt.
 const FIRST: f64 = 0.25;
 /// Least share: less is not worth an attempt.
@@ -55,9 +54,7 @@ impl Scene {
                 return Err(self.failed(&seen));
             }
             rounds += 1;
-            apply(&mut self.all, &seen.pushes, SWEEPS);
-            self.unfold();
-            self.keep_volumes(&seen.pushes);
+            self.push(&seen, rounds);
             seen = self.look(false);
         }
         Ok(())
