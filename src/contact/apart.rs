@@ -4,15 +4,18 @@
 mod crossing;
 mod overlap;
 mod push;
+mod settle;
+mod shrink;
 mod sides;
 mod solid;
 
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
-use crossing::{Faced, Piercing, crossings, piercings};
+use crossing::{Candidates, Faced, Piercing, piercings};
 use overlap::Overlap;
 use push::{Pair, Push, Watch, apply};
+use shrink::Stall;
 use sides::Sides;
 use solid::Solid;
 
@@ -20,8 +23,24 @@ use crate::contact::surface::Surface;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::max_or_nan;
 
-/// Rounds in which displacements are smoothed, of the attempts: few are enough for most muscles.
-const ROUNDS: [usize; 2] = [24, 80];
+/// The attempts: few rounds are enough for most muscles.
+const ATTEMPTS: [Attempt; 3] = [
+    Attempt {
+        rounds: 24,
+        widened: 0.1,
+        shrinks: 0,
+    },
+    Attempt {
+        rounds: 80,
+        widened: 0.3,
+        shrinks: 0,
+    },
+    Attempt {
+        rounds: 80,
+        widened: 0.1,
+        shrinks: 4,
+    },
+];
 /// Rounds between two searches for vertices on a wrong side.
 const LOOK: usize = 8;
 /// Among these rounds, those between two searches for folds.
@@ -31,19 +50,14 @@ const LAST: usize = 200;
 /// Sweeps that smooth displacements, in the first to the last quarter of the rounds: a smooth
 /// displacement neither folds a surface nor tears its walls apart.
 const SMOOTHING: [usize; 4] = [5, 5, 5, 2];
-/// Greatest number of attempts to return towards the shapes as read, the share of the way of the
-/// first, and rounds of each.
-const RETURNS: usize = 12;
-const RETURN: f64 = 0.25;
-const RETURN_ROUNDS: usize = 10;
 /// Number of sweeps over the pushes of one round.
 const SWEEPS: usize = 4;
 /// Greatest motion by the pushes of one round, relative to the median edge.
 const STRIDE: f64 = 0.15;
 /// Inverse mass of a held vertex, relative to a free one.
 const HELD: f64 = 0.25;
-/// Greatest relative error of a volume.
-const VOLUME: f64 = 1e-9;
+/// Motion for which the triangles that may cross are found at once, relative to the median edge.
+const LASTING: f64 = 0.2;
 
 /// A muscle to be parted from its neighbours.
 pub struct SoftBody<'a> {
@@ -155,18 +169,30 @@ pub fn part(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>], gaps: Gaps) -> Parte
             ..Parted::default()
         };
     }
-    let attempt = |rounds| {
+    let mut best: Option<Parted> = None;
+    for attempt in &ATTEMPTS {
         let mut scene = Scene::new(soft, rigid, gaps);
-        let left = scene.part(rounds);
-        scene.result(&overlaps, left)
-    };
-    let [few, many] = ROUNDS;
-    let parted = attempt(few);
-    if parted.left.is_empty() {
-        parted
-    } else {
-        attempt(many)
+        let left = scene.part(attempt);
+        let left_before = best.as_ref().map_or(usize::MAX, |best| best.left.len());
+        if left.len() < left_before {
+            best = Some(scene.result(&overlaps, left));
+        }
+        if best.as_ref().is_some_and(|best| best.left.is_empty()) {
+            break;
+        }
     }
+    best.unwrap_or_default()
+}
+
+/// How an attempt parts.
+struct Attempt {
+    /// Rounds in which displacements are smoothed.
+    rounds: usize,
+    /// Least gap in these rounds, relative to the median edge. Neighbours that do not overlap yet
+    /// follow those that do, so that a bone comes out of a thin end instead of a fold around it.
+    widened: f64,
+    /// Greatest number of times that surfaces draw back where nothing else parts them.
+    shrinks: usize,
 }
 
 /// All surfaces, muscles first.
@@ -174,6 +200,10 @@ struct Scene {
     all: Vec<Solid>,
     soft: usize,
     gaps: Gaps,
+    /// Least gap now, relative to the median edge.
+    widened: f64,
+    /// Of each pair: the triangles that may cross.
+    candidates: Vec<Candidates>,
     /// Of each ordered pair: what is known of distances, and vertices with a side.
     watches: Vec<Watch>,
     sides: Vec<Sides>,
@@ -220,6 +250,8 @@ impl Scene {
         Self {
             soft: soft.len(),
             gaps,
+            widened: 0.0,
+            candidates: (0..count * count).map(|_| Candidates::default()).collect(),
             watches: (0..count * count).map(|_| Watch::default()).collect(),
             sides: vec![Sides::new(); count * count],
             active: vec![false; count],
@@ -228,25 +260,22 @@ impl Scene {
         }
     }
 
-    /// Parts all pairs, with `rounds` in which displacements are smoothed. Returns those that still
-    /// cross.
-    fn part(&mut self, rounds: usize) -> Vec<Inseparable> {
+    /// Parts all pairs. Returns those that still cross.
+    fn part(&mut self, attempt: &Attempt) -> Vec<Inseparable> {
+        self.widened = attempt.widened;
         let mut seen = self.look(true);
-        for round in 0..rounds + LAST {
-            if round >= rounds && seen.is_clear() && self.is_sound() {
-                break;
-            }
+        for round in 0..attempt.rounds {
             self.activate(&seen);
             apply(&mut self.all, &seen.pushes, SWEEPS);
-            if round >= rounds || round % UNFOLD == 0 {
+            if round % UNFOLD == 0 {
                 self.unfold();
             }
-            match round < rounds {
-                true => self.relax(&seen.pushes, SMOOTHING[SMOOTHING.len() * round / rounds]),
-                false => self.keep_volumes(&seen.pushes),
-            }
+            let smoothing = SMOOTHING[SMOOTHING.len() * round / attempt.rounds];
+            self.relax(&seen.pushes, smoothing);
             seen = self.look(round % LOOK == LOOK - 1);
         }
+        self.widened = 0.0;
+        seen = self.push_out(attempt.shrinks);
         let left = self.left(&seen);
         if left.is_empty() {
             self.settle_back();
@@ -254,21 +283,37 @@ impl Scene {
         left
     }
 
+    /// Rounds in which only pushes and volumes act, until nothing overlaps or nothing helps.
+    fn push_out(&mut self, mut shrinks: usize) -> Seen {
+        let mut stall = Stall::default();
+        let mut seen = self.look(false);
+        for round in 0..LAST {
+            if seen.is_clear() && self.is_sound() {
+                break;
+            }
+            if stall.is_long(&seen) {
+                if shrinks == 0 {
+                    break;
+                }
+                shrinks -= 1;
+                stall = Stall::default();
+                seen = self.shrink(seen);
+            }
+            self.activate(&seen);
+            self.push(&seen, round);
+            seen = self.look(round % LOOK == LOOK - 1);
+        }
+        seen
+    }
+
     /// The pairs that may touch, a muscle first.
     fn near(&self) -> Vec<[usize; 2]> {
-        let gap = |j: usize| {
-            if j < self.soft {
-                self.gaps.between
-            } else {
-                self.gaps.to_bones
-            }
-        };
         (0..self.soft)
             .flat_map(|i| (i + 1..self.all.len()).map(move |j| [i, j]))
             .filter(|&[i, j]| {
                 self.all[i]
                     .bounds
-                    .inflate(gap(j))
+                    .inflate(self.gap([i, j]))
                     .intersects(&self.all[j].bounds)
             })
             .collect()
@@ -278,8 +323,7 @@ impl Scene {
     fn look(&mut self, sides: bool) -> Seen {
         let mut seen = Seen::default();
         for [i, j] in self.near() {
-            let [one, other] = [i, j].map(|s| Faced::new(self.all[s].x(), &self.all[s].surface));
-            let crossing = crossings(&one, &other);
+            let crossing = self.crossings([i, j]);
             let mut depth = 0.0;
             for (of, from) in [([i, j], 0), ([j, i], 1)] {
                 let pierced = {
@@ -304,29 +348,46 @@ impl Scene {
         seen
     }
 
+    /// The pairs of triangles of two surfaces that share a point.
+    fn crossings(&mut self, of: [usize; 2]) -> Vec<[u32; 2]> {
+        let [a, b] = of.map(|s| &self.all[s]);
+        let [one, other] = [a, b].map(|s| Faced::new(s.x(), &s.surface));
+        let lasting = LASTING * self.edge(of);
+        let candidates = &mut self.candidates[of[0] * self.all.len() + of[1]];
+        candidates.renew(&one, &other, a.travelled + b.travelled, lasting);
+        candidates.crossings(&one, &other)
+    }
+
     fn pair(&self, of: [usize; 2]) -> Pair<'_> {
-        let soft = of[0].max(of[1]) < self.soft;
         Pair {
             of,
             a: &self.all[of[0]],
             b: &self.all[of[1]],
-            gap: if soft {
-                self.gaps.between
-            } else {
-                self.gaps.to_bones
-            },
+            gap: self.gap(of),
             most: self.stride(of),
             sides: &self.sides[of[0] * self.all.len() + of[1]],
         }
     }
 
+    /// Gap to keep between two surfaces [m].
+    fn gap(&self, of: [usize; 2]) -> f64 {
+        let gap = match of[0].max(of[1]) < self.soft {
+            true => self.gaps.between,
+            false => self.gaps.to_bones,
+        };
+        gap.max(self.widened * self.edge(of))
+    }
+
+    /// Median edge of the finer muscle of a pair [m].
+    fn edge(&self, of: [usize; 2]) -> f64 {
+        let soft = of.iter().filter(|&&s| s < self.soft);
+        soft.map(|&s| self.all[s].edge)
+            .fold(f64::INFINITY, f64::min)
+    }
+
     /// Greatest motion by the pushes of one round [m].
     fn stride(&self, of: [usize; 2]) -> f64 {
-        let soft = of.iter().filter(|&&s| s < self.soft);
-        let edge = soft
-            .map(|&s| self.all[s].edge)
-            .fold(f64::INFINITY, f64::min);
-        STRIDE * edge
+        STRIDE * self.edge(of)
     }
 
     /// Finds the vertices of a muscle that must leave another surface on a given side.
@@ -343,6 +404,16 @@ impl Scene {
         sides::common(a, &exits, &mut sides);
         self.watches[at] = Watch::default();
         self.sides[at] = sides;
+    }
+
+    /// Applies the pushes of one look, and restores volumes. Folds are searched for only in some
+    /// rounds, and where nothing else is left.
+    fn push(&mut self, seen: &Seen, round: usize) {
+        apply(&mut self.all, &seen.pushes, SWEEPS);
+        if round.is_multiple_of(UNFOLD) || seen.is_clear() {
+            self.unfold();
+        }
+        self.keep_volumes(&seen.pushes);
     }
 
     /// Lets the muscles of overlapping pairs move.
@@ -392,55 +463,12 @@ impl Scene {
         });
     }
 
-    /// Moves parted muscles back towards their shapes as read, as far as they stay parted.
-    fn settle_back(&mut self) {
-        let mut share = RETURN;
-        for _ in 0..RETURNS {
-            let before: Vec<Vec<Point3<f64>>> = self.all[..self.soft]
-                .iter()
-                .map(|s| s.x().to_vec())
-                .collect();
-            self.moving().flatten().for_each(|solid| {
-                solid.go_back(share);
-                solid.refit();
-            });
-            if self.is_parted_again() {
-                continue;
-            }
-            for (solid, before) in self.all.iter_mut().zip(before) {
-                solid.particles.position = before;
-                solid.refit();
-            }
-            share *= 0.5;
-        }
-    }
-
-    /// Pushes overlap of a small motion out again. Returns true if nothing is left.
-    fn is_parted_again(&mut self) -> bool {
-        for _ in 0..RETURN_ROUNDS {
-            let seen = self.look(false);
-            if seen.is_clear() && self.is_sound() {
-                return true;
-            }
-            apply(&mut self.all, &seen.pushes, SWEEPS);
-            self.unfold();
-            self.keep_volumes(&seen.pushes);
-        }
-        false
-    }
-
     /// For each surface the vertices that pushes hold.
     fn held(&self, pushes: &[Push]) -> Vec<Vec<bool>> {
         let mut held: Vec<Vec<bool>> = self.all.iter().map(|s| vec![false; s.x().len()]).collect();
         for push in pushes {
-            let [point, triangle] = push.of;
-            push.point
-                .iter()
-                .filter(|(_, weight)| *weight > 0.0)
-                .for_each(|(v, _)| held[point][*v as usize] = true);
-            push.triangle
-                .iter()
-                .for_each(|(v, _)| held[triangle][*v as usize] = true);
+            push.vertices()
+                .for_each(|(s, v)| held[s][v as usize] = true);
         }
         held
     }
@@ -457,12 +485,8 @@ impl Scene {
     }
 
     /// True if all muscles have their volumes, and none crosses itself.
-    fn is_sound(&self) -> bool {
-        let muscles = self.all.iter().zip(&self.active);
-        let mut moving = muscles
-            .filter(|(_, active)| **active)
-            .map(|(solid, _)| solid);
-        moving.all(|solid| solid.volume_error() <= VOLUME && solid.folded().is_none())
+    fn is_sound(&mut self) -> bool {
+        self.moving().flatten().all(Solid::is_sound)
     }
 
     /// The pairs that cross, or of which one is in the other; most crossings first.

@@ -48,6 +48,15 @@ fn parted(
     fixed: &[usize],
     rigid: &[TriangleMesh],
 ) -> Result<Parted, Inseparable> {
+    parted_with(soft, fixed, rigid, GAPS)
+}
+
+fn parted_with(
+    soft: &[TriangleMesh],
+    fixed: &[usize],
+    rigid: &[TriangleMesh],
+    gaps: Gaps,
+) -> Result<Parted, Inseparable> {
     let surfaces: Vec<Surface> = soft.iter().chain(rigid).map(Surface::new).collect();
     let names = ["one", "two", "three", "four"];
     let bodies: Vec<SoftBody<'_>> = (0..soft.len())
@@ -68,7 +77,7 @@ fn parted(
         })
         .collect();
     let found = overlaps(&bodies, &bones);
-    let done = part(&bodies, &bones, GAPS);
+    let done = part(&bodies, &bones, gaps);
     assert_eq!(found.len(), done.pairs.len());
     match done.left.first() {
         Some(pair) => Err(pair.clone()),
@@ -184,26 +193,114 @@ fn any_number_of_threads_parts_alike() {
     assert_eq!(on(1), on(8));
 }
 
+/// A muscle with a slender end, and a bone with a blunt tip in that end.
+fn tip_in_a_slender_end() -> (TriangleMesh, TriangleMesh) {
+    let mut muscle = icosphere(0.1, 3);
+    for v in &mut muscle.vertices {
+        let width = 0.03 + 0.22 * (0.5 - 0.5 * v.z / 0.1).powi(2);
+        (v.x, v.y) = (width * v.x, width * v.y);
+    }
+    let mut bone = icosphere(0.004, 3);
+    for v in &mut bone.vertices {
+        v.z = 0.092 + if v.z > 0.0 { 8.0 * v.z } else { v.z };
+        v.x += 0.001;
+    }
+    (muscle, bone)
+}
+
 #[test]
-fn iliacus_and_psoas_are_parted_on_their_bones() {
-    let data = crate::measured_data("PLIANT_DATA");
-    let Some(body) = data
-        .map(|d| std::path::Path::new(&d).join("body"))
-        .filter(|d| d.is_dir())
-    else {
+fn a_bone_leaves_the_slender_end_of_a_muscle() {
+    let (muscle, bone) = tip_in_a_slender_end();
+    let before = [muscle.clone(), bone.clone()];
+    assert!(crossings(&before) > 0 && inside(&muscle, &bone) > 0);
+    let done = parted(
+        std::slice::from_ref(&muscle),
+        &[],
+        std::slice::from_ref(&bone),
+    )
+    .expect("it can leave");
+    let after = placed(&[muscle], &done).remove(0);
+    assert_eq!(crossings(&[after.clone(), bone.clone()]), 0);
+    assert_eq!(inside(&after, &bone) + inside(&bone, &after), 0);
+    let moved = done.moved[0];
+    assert!(moved.volume_change.abs() <= 1e-9, "{moved:?}");
+    assert!(moved.rms <= 2e-3, "{moved:?}");
+}
+
+#[test]
+fn a_deep_overlap_elsewhere_does_not_keep_a_pair_from_its_shape() {
+    let pair = |apart: f64, at: f64| {
+        let first = icosphere(0.05, 3);
+        [
+            moved(first.clone(), [0.0, at, 0.0]),
+            moved(first, [apart, at, 0.0]),
+        ]
+    };
+    let light = pair(0.096, 0.0);
+    let both = [light.clone(), pair(0.07, 0.3)].concat();
+    let alone = parted(&light, &[], &[]).expect("it can be parted");
+    let beside = parted(&both, &[], &[]).expect("they can be parted");
+    assert_eq!(crossings(&placed(&both, &beside)), 0);
+    for (alone, beside) in alone.moved.iter().zip(&beside.moved) {
+        assert!(beside.rms <= 1.2 * alone.rms, "{beside:?} {alone:?}");
+    }
+}
+
+/// A mesh of the measured data without holes; `None` without the data.
+fn measured(name: &str) -> Option<TriangleMesh> {
+    let folder = std::path::PathBuf::from(crate::measured_data("PLIANT_DATA")?).join("body");
+    if !folder.is_dir() {
+        return None;
+    }
+    let mesh = pliant::io::read(&folder.join(name)).expect("a mesh").mesh;
+    let options = RepairOptions {
+        close_holes: 30,
+        ..RepairOptions::default()
+    };
+    Some(repair(&mesh, &[], &options).mesh)
+}
+
+#[test]
+fn the_short_head_of_biceps_leaves_the_coracoid_process() {
+    let names = [
+        "muscles/Short_head_of_biceps_brachii.r.obj",
+        "bones/Scapula.r.obj",
+    ];
+    let [Some(muscle), Some(bone)] = names.map(measured) else {
         println!("skipped: 1 test, because there is no folder of measured data");
         return;
     };
-    let read = |name: &str| {
-        let mesh = pliant::io::read(&body.join(name)).expect("a mesh").mesh;
-        let options = RepairOptions {
-            close_holes: 30,
-            ..RepairOptions::default()
-        };
-        repair(&mesh, &[], &options).mesh
+    // A small gap is harder: no push reaches past the overlap.
+    let gaps = Gaps {
+        to_bones: 3e-5,
+        between: 3e-5,
     };
-    let muscles = ["Iliacus_muscle.r", "Psoas_major.r"].map(|m| read(&format!("muscles/{m}.obj")));
-    let bones = ["Hip_bone.r", "Femur.r"].map(|b| read(&format!("bones/{b}.obj")));
+    let done = parted_with(
+        std::slice::from_ref(&muscle),
+        &[],
+        std::slice::from_ref(&bone),
+        gaps,
+    )
+    .expect("it can leave");
+    let after = placed(&[muscle], &done).remove(0);
+    let both = [after, bone];
+    assert_eq!(crossings(&both), crossings(&both[1..]));
+    assert!(done.moved[0].rms <= 2e-3, "{:?}", done.moved);
+}
+
+#[test]
+fn iliacus_and_psoas_are_parted_on_their_bones() {
+    let names = [
+        "muscles/Iliacus_muscle.r.obj",
+        "muscles/Psoas_major.r.obj",
+        "bones/Hip_bone.r.obj",
+        "bones/Femur.r.obj",
+    ];
+    let [Some(iliacus), Some(psoas), Some(hip), Some(femur)] = names.map(measured) else {
+        println!("skipped: 1 test, because there is no folder of measured data");
+        return;
+    };
+    let (muscles, bones) = ([iliacus, psoas], [hip, femur]);
     assert!(crossings(&muscles) > 100, "control: they overlap");
     let done = parted(&muscles, &[], &bones).expect("they can be parted");
     let after = placed(&muscles, &done);

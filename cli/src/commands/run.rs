@@ -145,7 +145,13 @@ fn of_muscles(
         None => None,
     };
     let plan = Plan::new(&scene, &assets);
-    let mut simulation = Simulation::with(scene, assets, plan).map_err(refused)?;
+    if stop.load(Ordering::Relaxed) {
+        return Ok(INTERRUPTED);
+    }
+    PREPARING.store(true, Ordering::Relaxed);
+    let simulation = Simulation::with(scene, assets, plan);
+    PREPARING.store(false, Ordering::Relaxed);
+    let mut simulation = simulation.map_err(refused)?;
     let animate = arguments.animate.is_some();
     let (mut results, every) = match resumed {
         Some(bytes) => resume::go_on(&out, &bytes, &mut simulation, animate, begun)?,
@@ -305,12 +311,15 @@ pub(super) fn settings_of_all() -> [(String, String); 2] {
     ]
 }
 
+/// True while a run has no frame yet that Ctrl-C could leave complete.
+static PREPARING: AtomicBool = AtomicBool::new(false);
+
 /// A flag that Ctrl-C sets, with a message; a second Ctrl-C ends the process at once.
 pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let raised = stop.clone();
     let set = ctrlc::set_handler(move || {
-        if raised.swap(true, Ordering::Relaxed) {
+        if raised.swap(true, Ordering::Relaxed) || PREPARING.load(Ordering::Relaxed) {
             // Files appear only when complete, so only unfinished work is lost.
             std::process::exit(INTERRUPTED.into());
         }

@@ -1,12 +1,16 @@
 //! Crossings of two surfaces, by exact predicates.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::solid::Solid;
 use crate::contact::surface::Surface;
 use crate::mesh::measures::Aabb;
 use crate::mesh::predicates;
+
+/// A scalar product above this share of the product of the lengths is positive: far above its
+/// rounding error.
+const CERTAIN: f64 = 1e-12;
 
 /// An edge of one surface that passes through a triangle of another one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,53 +47,94 @@ impl<'a> Faced<'a> {
 /// The pairs of triangles of `a` and `b` that share a point, ascending; exact. The positions of `b`
 /// are those of its hierarchy.
 pub(super) fn crossings(a: &Faced<'_>, b: &Faced<'_>) -> Vec<[u32; 2]> {
-    if !a.bounds.intersects(&b.bounds) {
-        return Vec::new();
-    }
-    (0..a.surface.triangles().len() as u32)
-        .into_par_iter()
-        .with_min_len(256)
-        .flat_map_iter(|s| crossings_of(a, b, s))
-        .collect()
+    let mut candidates = Candidates::default();
+    candidates.renew(a, b, 0.0, 0.0);
+    candidates.crossings(a, b)
 }
 
-fn crossings_of(a: &Faced<'_>, b: &Faced<'_>, s: u32) -> Vec<[u32; 2]> {
-    let one = a.corners(s);
-    let bounds = Aabb::of_points(&one);
-    if !bounds.intersects(&b.bounds) {
-        return Vec::new();
+/// The pairs of triangles of two surfaces, or of one, that may share a point, while their motion is
+/// small.
+#[derive(Default)]
+pub(super) struct Candidates {
+    /// Motion of both surfaces up to which there are no others [m]; `None` at first.
+    until: Option<f64>,
+    /// The pairs, ascending.
+    pairs: Vec<[u32; 2]>,
+}
+
+impl Candidates {
+    /// Finds the pairs anew if the surfaces `travelled` too far since the last search [m]; they are
+    /// valid for a motion by `lasting` [m]. The positions of `b` are those of its hierarchy.
+    pub fn renew(&mut self, a: &Faced<'_>, b: &Faced<'_>, travelled: f64, lasting: f64) {
+        if self.until.is_some_and(|until| travelled <= until) {
+            return;
+        }
+        self.until = Some(travelled + lasting);
+        let all = 0..a.surface.triangles().len() as u32;
+        self.pairs.clear();
+        if a.bounds.inflate(lasting).intersects(&b.bounds) {
+            let found = all.into_par_iter().with_min_len(256);
+            let found = found.flat_map_iter(|s| near(a, b, s, lasting));
+            self.pairs.par_extend(found);
+        }
     }
+
+    /// The pairs of triangles of `a` and `b` that share a point, ascending; exact.
+    pub fn crossings(&self, a: &Faced<'_>, b: &Faced<'_>) -> Vec<[u32; 2]> {
+        self.among(|[s, t]| {
+            let (one, other) = (a.corners(s), b.corners(t));
+            Aabb::of_points(&one).intersects(&Aabb::of_points(&other))
+                && share_a_point(&one, &other)
+        })
+    }
+
+    /// The pairs of triangles of one surface that share a point other than their common corners, the
+    /// lower first, ascending; exact.
+    pub fn of_itself(&self, a: &Solid) -> Vec<[u32; 2]> {
+        self.among(|[s, t]| {
+            let [one, other] = [s, t].map(|t| a.triangles()[t as usize]);
+            t > s
+                && Aabb::of_points(&a.corners(s)).intersects(&Aabb::of_points(&a.corners(t)))
+                && !fall_away(one, other, a.x())
+                && predicates::intersect(one, other, |v| a.x()[v as usize])
+        })
+    }
+
+    fn among(&self, crosses: impl Fn([u32; 2]) -> bool + Sync) -> Vec<[u32; 2]> {
+        let pairs = self.pairs.par_iter().with_min_len(1024).copied();
+        pairs.filter(|pair| crosses(*pair)).collect()
+    }
+}
+
+/// The triangles of `b` nearer than `reach` to triangle `s` of `a` in each direction, ascending.
+fn near(a: &Faced<'_>, b: &Faced<'_>, s: u32, reach: f64) -> Vec<[u32; 2]> {
+    let bounds = Aabb::of_points(&a.corners(s)).inflate(reach);
     let mut near = Vec::new();
-    let reach = 0.5 * bounds.extents().amax();
-    b.surface.within(&bounds.center(), reach, &mut near);
-    near.retain(|&t| {
-        let other = b.corners(t);
-        Aabb::of_points(&other).intersects(&bounds) && share_a_point(&one, &other)
-    });
+    if bounds.intersects(&b.bounds) {
+        let half = 0.5 * bounds.extents().amax();
+        b.surface.within(&bounds.center(), half, &mut near);
+        near.retain(|&t| Aabb::of_points(&b.corners(t)).intersects(&bounds));
+        near.sort_unstable();
+    }
     near.into_iter().map(|t| [s, t]).collect()
 }
 
-/// The pairs of triangles of one surface that share a point other than their common corners, the
-/// lower first, ascending; exact.
-pub(super) fn of_itself(a: &Solid) -> Vec<[u32; 2]> {
-    (0..a.triangles().len() as u32)
-        .into_par_iter()
-        .with_min_len(256)
-        .flat_map_iter(|s| {
-            let bounds = Aabb::of_points(&a.corners(s));
-            let mut near = Vec::new();
-            let reach = 0.5 * bounds.extents().amax();
-            a.surface.within(&bounds.center(), reach, &mut near);
-            near.retain(|&t| {
-                let [one, other] = [s, t].map(|t| a.triangles()[t as usize]);
-                t > s
-                    && Aabb::of_points(&a.corners(t)).intersects(&bounds)
-                    && predicates::intersect(one, other, |v| a.x()[v as usize])
-            });
-            near.sort_unstable();
-            near.into_iter().map(move |t| [s, t])
-        })
-        .collect()
+/// True if two triangles that share a corner lie on both sides of a plane through it, beyond doubt:
+/// the common case, without an exact predicate.
+fn fall_away(one: [u32; 3], other: [u32; 3], x: &[Point3<f64>]) -> bool {
+    let Some(&shared) = one.iter().find(|v| other.contains(v)) else {
+        return false;
+    };
+    let from = |t: [u32; 3]| t.map(|v| x[v as usize] - x[shared as usize]);
+    let (one, other) = (from(one), from(other));
+    let normal = one.iter().sum::<Vector3<f64>>() - other.iter().sum::<Vector3<f64>>();
+    // The shared corner is on the plane, the two others of each triangle are not.
+    let is_beyond = |corners: [Vector3<f64>; 3], normal: Vector3<f64>| {
+        let least = CERTAIN * normal.norm();
+        let beyond = corners.iter().filter(|c| normal.dot(c) > least * c.norm());
+        beyond.count() == 2
+    };
+    is_beyond(one, normal) && is_beyond(other, -normal)
 }
 
 fn share_a_point(one: &[Point3<f64>; 3], other: &[Point3<f64>; 3]) -> bool {

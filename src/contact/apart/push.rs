@@ -199,6 +199,30 @@ impl Pair<'_> {
     }
 }
 
+impl Push {
+    /// Distance from the triangle to the point along the normal, negative inside [m].
+    pub fn distance(&self, solids: &[Solid]) -> f64 {
+        let [a, b] = self.of.map(|s| solids[s].x());
+        let point = self
+            .point
+            .iter()
+            .map(|(v, weight)| a[*v as usize].coords * *weight);
+        let on = self
+            .triangle
+            .iter()
+            .map(|(v, weight)| b[*v as usize].coords * *weight);
+        self.normal
+            .dot(&(point.sum::<Vector3<f64>>() - on.sum::<Vector3<f64>>()))
+    }
+
+    /// The surfaces and vertices of the point and of the triangle.
+    pub fn vertices(&self) -> impl Iterator<Item = (usize, u32)> {
+        let point = self.point.iter().filter(|(_, weight)| *weight > 0.0);
+        let point = point.map(|(v, _)| (self.of[0], *v));
+        point.chain(self.triangle.iter().map(|(v, _)| (self.of[1], *v)))
+    }
+}
+
 /// Applies pushes to all surfaces at once: each vertex moves by the mean of its pushes, so that
 /// no order enters.
 pub(super) fn apply(solids: &mut [Solid], pushes: &[Push], sweeps: usize) {

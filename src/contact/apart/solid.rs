@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Moved;
+use super::crossing::{Candidates, Faced};
 use crate::constraints::EnclosedVolume;
 use crate::contact::Obstacle;
 use crate::contact::surface::Surface;
@@ -14,6 +15,11 @@ use crate::particles::{Particles, Slot};
 
 /// A body is thin where it is at most this many median edges thick.
 const THIN: f64 = 4.0;
+/// Greatest relative error of a volume.
+const VOLUME: f64 = 1e-9;
+/// Motion for which the triangles that may cross each other are found at once, relative to the
+/// median edge.
+const LASTING: f64 = 0.3;
 /// Share of the way back to its position as read that a free vertex makes in a round.
 const RETURN: f64 = 0.05;
 
@@ -46,6 +52,8 @@ pub(super) struct Solid {
     pub volume: f64,
     /// Sum over the rounds of the greatest motion of a vertex [m].
     pub travelled: f64,
+    /// Its triangles that may cross each other.
+    candidates: Candidates,
 }
 
 impl Solid {
@@ -147,9 +155,10 @@ impl Solid {
         }
     }
 
-    /// Relative error of the volume.
-    pub fn volume_error(&self) -> f64 {
-        (self.present_volume() / self.volume - 1.0).abs()
+    /// True if the muscle has its volume and does not cross itself.
+    pub fn is_sound(&mut self) -> bool {
+        let error = (self.present_volume() / self.volume - 1.0).abs();
+        error <= VOLUME && self.folded().is_none()
     }
 
     /// Motion from the positions as read.
@@ -185,8 +194,13 @@ impl Solid {
 
     /// The vertices of triangles of this surface that cross others of it, with their neighbours;
     /// `None` if no two cross.
-    pub fn folded(&self) -> Option<Vec<bool>> {
-        let crossing = super::crossing::of_itself(self);
+    pub fn folded(&mut self) -> Option<Vec<bool>> {
+        let faced = Faced::new(self.surface.positions(), &self.surface);
+        // Both triangles of a pair move.
+        let travelled = 2.0 * self.travelled;
+        let lasting = LASTING * self.edge;
+        self.candidates.renew(&faced, &faced, travelled, lasting);
+        let crossing = self.candidates.of_itself(self);
         if crossing.is_empty() {
             return None;
         }
@@ -196,15 +210,39 @@ impl Solid {
             .flatten()
             .flat_map(|&t| self.triangles()[t as usize]);
         corners.for_each(|v| at[v as usize] = true);
+        self.widen(&mut at);
+        Some(at)
+    }
+
+    /// Adds the neighbours of the vertices `at`.
+    pub fn widen(&self, at: &mut [bool]) {
         let (starts, neighbours) = &self.neighbours;
-        let mut with = at.clone();
-        for v in (0..at.len()).filter(|&v| at[v]) {
+        let inner: Vec<usize> = (0..at.len()).filter(|&v| at[v]).collect();
+        for v in inner {
             let around = starts[v] as usize..starts[v + 1] as usize;
             neighbours[around]
                 .iter()
-                .for_each(|&w| with[w as usize] = true);
+                .for_each(|&w| at[w as usize] = true);
         }
-        Some(with)
+    }
+
+    /// Moves the vertices `among` half the way to the middle of their neighbours along edges, in
+    /// `sweeps`: the surface flows inward where it is convex, and a thin end draws back.
+    pub fn flow(&mut self, among: &[bool], sweeps: usize) {
+        let (starts, neighbours) = self.topology.vertex_neighbours();
+        let mobile = |v: &usize| among[*v] && self.particles.inverse_mass[*v] > 0.0;
+        let moved: Vec<usize> = (0..among.len()).filter(mobile).collect();
+        for _ in 0..sweeps {
+            let before = self.particles.position.clone();
+            for &v in &moved {
+                let around = &neighbours[starts[v] as usize..starts[v + 1] as usize];
+                let mut sum = Vector3::zeros();
+                around
+                    .iter()
+                    .for_each(|&w| sum += before[w as usize] - before[v]);
+                self.particles.position[v] += sum * (0.5 / around.len().max(1) as f64);
+            }
+        }
     }
 
     /// A bone at a pose.
@@ -235,6 +273,7 @@ impl Solid {
             volume: mesh.volume(),
             start: mesh.vertices,
             travelled: 0.0,
+            candidates: Candidates::default(),
         }
     }
 
