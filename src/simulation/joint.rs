@@ -14,7 +14,7 @@ use crate::contact::meeting::{Certificate, Meeting};
 use crate::contact::{ContactPlane, PosedObstacle};
 use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::solvers::Broken;
-use crate::solvers::descent::{ContactFilter, DescentSettings, Hold};
+use crate::solvers::descent::{ContactFilter, DescentSettings};
 use crate::solvers::energy::{Energy, Inertia, Member};
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
@@ -314,17 +314,17 @@ impl ContactFilter for Around<'_> {
         self.meeting.respond(&mut slices_mut(&self.ranges, x), None);
     }
 
-    fn hold(&mut self, x: &mut [Point3<f64>]) -> Hold {
+    fn hold(&mut self, x: &mut [Point3<f64>]) -> Option<bool> {
         let most = (MANY * x.len() as f64) as usize;
         let mut bodies = slices_mut(&self.ranges, x);
         let Some(changed) = self.meeting.hold_few(&mut bodies, most) else {
-            return Hold::Open;
+            return None;
         };
         self.counts[1] = self.meeting.take_certificate();
         match changed.iter().all(Vec::is_empty) {
-            _ if self.counts[1].open > 0 => Hold::Open,
-            true => Hold::Kept,
-            false => Hold::Moved,
+            _ if self.counts[1].open > 0 => None,
+            true => Some(false),
+            false => Some(true),
         }
     }
 

@@ -151,23 +151,13 @@ pub trait ContactFilter {
     }
     /// The obstacles move to where they are after this share of their motion.
     fn begin_part(&mut self, _share: f64, _start: &[Point3<f64>]) {}
-    /// Takes back the motion of the trial that would pass through something.
-    fn hold(&mut self, _x: &mut [Point3<f64>]) -> Hold {
-        Hold::Kept
+    /// Takes back the motion of the trial that would pass through something. Returns true if vertices
+    /// moved, and `None` if no motion of free vertices keeps everything apart.
+    fn hold(&mut self, _x: &mut [Point3<f64>]) -> Option<bool> {
+        Some(false)
     }
     /// Accepts the last push: the body stays there.
     fn accept(&mut self, x: &[Point3<f64>]);
-}
-
-/// What [`ContactFilter::hold`] did.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hold {
-    /// Nothing had to move.
-    Kept,
-    /// Vertices were moved; nothing passes through anything.
-    Moved,
-    /// No motion of free vertices keeps everything apart.
-    Open,
 }
 
 /// No obstacles.

@@ -32,7 +32,7 @@ pub(crate) mod tracking;
 pub(crate) mod unknowns;
 
 #[cfg(feature = "sparse")]
-pub use descent::{ContactFilter, DescentOutcome, DescentSettings, Hold, NoContact};
+pub use descent::{ContactFilter, DescentOutcome, DescentSettings, NoContact};
 pub use energy::Energy;
 #[cfg(feature = "sparse")]
 pub use newton::Newton;

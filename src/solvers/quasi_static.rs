@@ -15,7 +15,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::active::{Active, Touched};
 use super::descent::{
-    ContactFilter, DescentOutcome, DescentProblem, DescentSettings, Hold, ROUNDED, State,
+    ContactFilter, DescentOutcome, DescentProblem, DescentSettings, ROUNDED, State,
 };
 use super::energy::Energy;
 use super::history::{Field, History};
@@ -293,9 +293,9 @@ impl QuasiStatic {
                     return false;
                 }
                 match contact.hold(end) {
-                    Hold::Kept => return true,
-                    Hold::Moved => {}
-                    Hold::Open => return false,
+                    Some(false) => return true,
+                    Some(true) => {}
+                    None => return false,
                 }
             }
             false
@@ -338,7 +338,7 @@ impl QuasiStatic {
     fn keep_volumes_apart(&mut self, x: &mut [Point3<f64>], contact: &mut impl ContactFilter) {
         for _ in 0..KEEPING {
             self.keep_volumes(x);
-            if contact.hold(x) == Hold::Kept {
+            if contact.hold(x) == Some(false) {
                 return;
             }
         }
