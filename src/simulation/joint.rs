@@ -317,9 +317,7 @@ impl ContactFilter for Around<'_> {
     fn hold(&mut self, x: &mut [Point3<f64>]) -> Option<bool> {
         let most = (MANY * x.len() as f64) as usize;
         let mut bodies = slices_mut(&self.ranges, x);
-        let Some(changed) = self.meeting.hold_few(&mut bodies, most) else {
-            return None;
-        };
+        let changed = self.meeting.hold_few(&mut bodies, most)?;
         self.counts[1] = self.meeting.take_certificate();
         match changed.iter().all(Vec::is_empty) {
             _ if self.counts[1].open > 0 => None,
