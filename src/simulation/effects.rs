@@ -158,20 +158,28 @@ fn plan_contact(planner: &mut Planner<'_>) {
 /// Contact of a muscle with itself and with the muscles after it.
 fn plan_meetings(planner: &mut Planner<'_>, between: ContactPartners) {
     let (scene, m) = (planner.scene, planner.index());
-    match between.itself {
-        true => planner.meets(None, "contact with itself"),
-        false => planner.leave("contact with itself", "`between` does not name self"),
-    }
     let reach = planner.reach();
+    let is_near = |other: usize| match (reach, planner.reach_of(other)) {
+        (Some(a), Some(b)) => a.intersects(&b),
+        _ => true,
+    };
+    let others = (0..scene.muscles.len()).filter(|other| *other != m);
+    let near: Vec<usize> = others.filter(|other| is_near(*other)).collect();
+    let is_alone = !between.muscles || near.is_empty();
+    if !between.itself {
+        planner.leave("contact with itself", "`between` does not name self");
+    } else if is_alone && scene.solver.minimisation().is_some() {
+        let why =
+            "a minimum of energy of one muscle keeps out of bones alone; `solver.xpbd` has it";
+        planner.leave("contact with itself", why);
+    } else {
+        planner.meets(None, "contact with itself");
+    }
     for other in m + 1..scene.muscles.len() {
         let effect = format!("contact with {}", scene.muscles[other].name);
-        let apart = match (reach, planner.reach_of(other)) {
-            (Some(a), Some(b)) => !a.intersects(&b),
-            _ => false,
-        };
         if !between.muscles {
             planner.leave(&effect, "`between` does not name muscles");
-        } else if apart {
+        } else if !near.contains(&other) {
             planner.leave(&effect, "the boxes that the muscles sweep never meet");
         } else {
             planner.meets(Some(other), &effect);

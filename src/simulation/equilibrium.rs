@@ -16,7 +16,7 @@ use crate::solvers::{Broken, System};
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest distance of a touching vertex from a bone, in contact thicknesses.
-const TOUCHING: f64 = 0.02;
+pub(super) const TOUCHING: f64 = 0.02;
 
 /// The equilibrium of a muscle over time.
 pub struct Equilibrium {

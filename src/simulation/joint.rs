@@ -8,7 +8,7 @@ use std::ops::Range;
 use nalgebra::{Point3, Vector3};
 
 use super::body::{Body, Stepper};
-use super::equilibrium::{Bones, Equilibrium, first_non_finite};
+use super::equilibrium::{Bones, Equilibrium, TOUCHING, first_non_finite};
 use crate::constraints::EnclosedVolume;
 use crate::contact::meeting::{Certificate, Meeting};
 use crate::contact::{ContactPlane, PosedObstacle};
@@ -276,11 +276,8 @@ impl ContactFilter for Around<'_> {
     }
 
     fn touching(&self) -> f64 {
-        self.bones
-            .iter()
-            .flatten()
-            .map(Bones::touching)
-            .fold(0.0, f64::max)
+        // Also where no bone is near.
+        TOUCHING * self.thickness
     }
 
     fn parts(&self, displacement: &[Vector3<f64>]) -> usize {
