@@ -306,6 +306,7 @@ fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> Vec<f64> {
             if !(own > 0.0) {
                 continue;
             }
+            // A number that is not finite gives no reaction here, and shows in the force that is left.
             let before = found[i];
             let after = (before + (lack[i] - matrix.column(i).dot(&found)) / own).max(0.0);
             found[i] = after;
