@@ -60,7 +60,9 @@ impl Start {
         let Some(contact) = scene.effects.contact.filter(|_| !given) else {
             return Ok(Self::of(attached, muscles, Vec::new()));
         };
-        let all: Vec<usize> = (0..muscles.len()).collect();
+        // The order in which a scene lists them changes nothing.
+        let mut all: Vec<usize> = (0..muscles.len()).collect();
+        all.sort_by(|&a, &b| scene.muscles[a].name.cmp(&scene.muscles[b].name));
         // Muscles that do not meet are parted from bones alone.
         let sets = match contact.between.muscles {
             true => vec![all],

@@ -22,7 +22,7 @@ const SETTLING: usize = 8;
 
 /// Bodies that take their steps together.
 pub(super) struct Group {
-    /// Indices of the bodies, ascending.
+    /// Indices of the bodies, by name: the order in which a scene lists them changes nothing.
     pub members: Vec<usize>,
     /// What they do to each other, to themselves and to bones; `None` without contact.
     meeting: Option<Meeting>,
@@ -60,6 +60,9 @@ impl Simulation {
             members[sets.root(b as u32) as usize].push(b);
         }
         members.retain(|members| !members.is_empty());
+        for members in &mut members {
+            members.sort_by(|&a, &b| self.bodies[a].name.cmp(&self.bodies[b].name));
+        }
         let first = place(&self.scene, &self.surfaces);
         let before = std::mem::take(&mut self.groups);
         self.groups = members
