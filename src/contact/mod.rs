@@ -49,6 +49,8 @@ pub(crate) mod capsule;
 pub(crate) mod ccd;
 #[cfg(feature = "contact")]
 pub(crate) mod comparison;
+#[cfg(all(feature = "contact", feature = "sparse"))]
+pub(crate) mod edges;
 #[cfg(feature = "contact")]
 pub(crate) mod escape_field;
 mod faces;
@@ -96,6 +98,8 @@ pub use ccd::{Impact, time_of_impact};
 pub(crate) use faces::OnTriangle;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use faces::pseudo_normal;
+#[cfg(all(feature = "contact", feature = "sparse"))]
+pub(crate) use gap::difference;
 pub use gap::{Gap, Parts, gap};
 #[cfg(feature = "contact")]
 pub use meeting::Certificate;

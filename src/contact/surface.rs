@@ -34,17 +34,32 @@ fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
     )
 }
 
-/// Pairs of boxes that meet, each once.
-pub(super) fn box_pairs(boxes: &[Aabb]) -> Vec<[u32; 2]> {
+fn hierarchy(boxes: &[Aabb]) -> Bvh {
     let leaves: Vec<ParryAabb> = boxes
         .iter()
         .map(|b| ParryAabb::new(glam(&b.min), glam(&b.max)))
         .collect();
+    Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves)
+}
+
+/// Pairs of boxes that meet, each once.
+pub(super) fn box_pairs(boxes: &[Aabb]) -> Vec<[u32; 2]> {
     let mut found = Vec::new();
     let mut add = |a: u32, b: u32| found.push([a, b]);
-    Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves)
-        .traverse_bvtt_single_tree::<false>(&mut BvhWorkspace::default(), &mut add);
+    hierarchy(boxes).traverse_bvtt_single_tree::<false>(&mut BvhWorkspace::default(), &mut add);
     found
+}
+
+/// Pairs of a box of each list that meet.
+#[cfg(feature = "sparse")]
+pub(super) fn box_pairs_between(first: &[Aabb], second: &[Aabb]) -> Vec<[u32; 2]> {
+    let (one, other) = (hierarchy(first), hierarchy(second));
+    let meeting = one.leaf_pairs(&other, |a, b| a.intersects(b));
+    meeting
+        // The traversal does not test leaves directly below the roots.
+        .filter(|&(s, t)| first[s as usize].intersects(&second[t as usize]))
+        .map(|(s, t)| [s, t])
+        .collect()
 }
 
 /// Tolerance factor of a bound on a distance.

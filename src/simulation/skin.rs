@@ -529,7 +529,8 @@ impl Making<'_> {
 
     fn refused_implant(&self, all: &[ImplantFill], k: usize, error: SkinError) -> LoadError {
         let key = format!("implant.{k}{}", key_of(&error));
-        self.refused(&key, format!("implant `{}`", all[k].name), error)
+        let ImplantFill { name, order, .. } = &all[k];
+        self.refused(&key, format!("implant `{name}` at {}", order.place), error)
     }
 
     fn refused(&self, key: &str, part: String, error: SkinError) -> LoadError {

@@ -6,16 +6,21 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::constraints::stencil::{Blocks, at};
 use crate::constraints::{Stencil, Stencils};
+use crate::contact::difference;
 use crate::mesh::measures::max_or_nan;
 
-/// A contact of a vertex with a plane, fixed or on a triangle, or with a sphere: n.(x - y) >= 0.
+/// A contact of a place on a body with a plane, fixed or carried by another body, or with a sphere.
+/// The place is a vertex, or a point of an edge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
-    /// The vertex.
-    pub vertex: u32,
-    /// The body that the vertex touches.
-    pub on: On,
-    /// The surface that the vertex must stay over.
+    /// The body, and the vertex (twice) or the edge that touches it. For a vertex of a surface below,
+    /// the vertex and the first vertex of the body that touches it.
+    pub key: (On, [u32; 2]),
+    /// The vertices that the contact moves; those with weight 0 are any.
+    pub corners: [u32; 4],
+    /// Weights of the corners in the place, less the place on the other body.
+    pub weights: [f64; 4],
+    /// The surface that the place must stay over.
     pub over: Over,
     /// Stiffness [N/m].
     pub stiffness: f64,
@@ -28,23 +33,22 @@ pub struct Touch {
     /// found. A force F on a surface of radius R has the tangential stiffness F/R, which a plane
     /// lacks. A contact that is found again at rest exerts no such force.
     pub slide: f64,
-    /// Vector from the surface point to the vertex where the contact was found [m].
+    /// Vector from the surface point to the place where the contact was found [m].
     pub from: Vector3<f64>,
 }
 
-/// The surface that a vertex must stay over.
+/// The surface that a place must stay over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Over {
-    /// A plane with this unit normal through the point of a triangle with these barycentric
-    /// weights.
-    Carried([u32; 3], [f64; 3], Vector3<f64>),
+    /// A plane with this unit normal that the corners carry.
+    Carried(Vector3<f64>),
     /// A fixed plane: a point and a unit normal.
     Plane(Point3<f64>, Vector3<f64>),
     /// A fixed sphere: centre and radius [m].
     Ball(Point3<f64>, f64),
 }
 
-/// The bodies that a vertex can touch.
+/// The bodies that a vertex or an edge can touch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum On {
     /// The sphere.
@@ -55,54 +59,75 @@ pub enum On {
     Skin,
     /// One of the surfaces below.
     Support(u32),
+    /// A vertex of one of the surfaces below.
+    VertexOf(u32),
 }
 
-/// A gap with its derivatives with respect to the vertex and the corners.
+/// A gap with its derivatives with respect to the corners.
 struct Gap {
     value: f64,
     gradient: [Vector3<f64>; 4],
-    /// Second derivative with respect to the vertex.
+    /// Second derivative with respect to the first corner.
     curvature: Matrix3<f64>,
 }
 
 impl Touch {
-    /// The vertex, and the corners of the triangle that carries the plane. Without such a triangle,
-    /// the vertex replaces the corners.
-    fn corners(&self) -> [u32; 4] {
-        match self.over {
-            Over::Carried([a, b, c], ..) => [self.vertex, a, b, c],
-            Over::Plane(..) | Over::Ball(..) => [self.vertex; 4],
+    /// A contact of a vertex without load.
+    pub fn of_vertex(vertex: u32, on: On, over: Over, stiffness: f64, soft: f64) -> Self {
+        Self {
+            key: (on, [vertex; 2]),
+            corners: [vertex; 4],
+            weights: [1.0, 0.0, 0.0, 0.0],
+            over,
+            stiffness,
+            soft,
+            lift: 0.0,
+            slide: 0.0,
+            from: Vector3::zeros(),
         }
     }
 
-    /// The gap [m], negative if the vertex is inside; `None` in the centre of a sphere.
+    /// The same with the point of a triangle with these barycentric weights.
+    pub fn with_triangle(self, [a, b, c]: [u32; 3], w: [f64; 3]) -> Self {
+        Self {
+            corners: [self.corners[0], a, b, c],
+            weights: [1.0, -w[0], -w[1], -w[2]],
+            ..self
+        }
+    }
+
+    /// The place of a triangle with these barycentric weights, over a fixed plane.
+    pub fn of_triangle(self, [a, b, c]: [u32; 3], w: [f64; 3]) -> Self {
+        Self {
+            corners: [a, b, c, a],
+            weights: [w[0], w[1], w[2], 0.0],
+            ..self
+        }
+    }
+
+    /// The gap [m], negative if the place is inside; `None` in the centre of a sphere.
     pub fn gap(&self, x: &[Point3<f64>]) -> Option<f64> {
-        self.measure(&at(self.corners(), x)).map(|gap| gap.value)
+        self.measure(&at(self.corners, x)).map(|gap| gap.value)
     }
 
     fn measure(&self, x: &[Point3<f64>; 4]) -> Option<Gap> {
-        let alone = |n: Vector3<f64>| [n, Vector3::zeros(), Vector3::zeros(), Vector3::zeros()];
+        let away = self.slip_vector(x);
+        let along = |n: Vector3<f64>| self.weights.map(|w| n * w);
         match self.over {
-            Over::Plane(origin, n) => Some(Gap {
-                value: (x[0] - origin).dot(&n),
-                gradient: alone(n),
+            Over::Plane(_, n) | Over::Carried(n) => Some(Gap {
+                value: away.dot(&n),
+                gradient: along(n),
                 curvature: Matrix3::zeros(),
             }),
-            Over::Ball(centre, radius) => {
-                let away = x[0] - centre;
+            Over::Ball(_, radius) => {
                 let distance = away.norm();
                 let n = away.try_normalize(0.0)?;
                 Some(Gap {
                     value: distance - radius,
-                    gradient: alone(n),
+                    gradient: along(n),
                     curvature: (Matrix3::identity() - n * n.transpose()) / distance,
                 })
             }
-            Over::Carried(_, w, n) => Some(Gap {
-                value: self.slip_vector(x).dot(&n),
-                gradient: [n, -n * w[0], -n * w[1], -n * w[2]],
-                curvature: Matrix3::zeros(),
-            }),
         }
     }
 
@@ -121,31 +146,24 @@ impl Touch {
             .gap(x)
             .map_or(0.0, |gap| law(gap - self.lift, self.soft).1);
         self.slide = self.stiffness * pressed / radius;
-        self.from = self.slip_vector(&at(self.corners(), x));
+        self.from = self.slip_vector(&at(self.corners, x));
         self
     }
 
-    /// Weights of the vertex and the corners in the vector from the surface.
-    fn weights(&self) -> [f64; 4] {
-        match self.over {
-            Over::Carried(_, w, _) => [1.0, -w[0], -w[1], -w[2]],
-            Over::Plane(..) | Over::Ball(..) => [1.0, 0.0, 0.0, 0.0],
-        }
-    }
-
-    /// Vector from the surface point to the vertex [m].
+    /// Vector from the surface point to the place [m].
     fn slip_vector(&self, x: &[Point3<f64>; 4]) -> Vector3<f64> {
+        // Over the first corner: a translation changes less.
+        let to_first = difference(x, &self.weights);
         match self.over {
-            Over::Carried(_, w, _) => x[0] - x[1] - (x[2] - x[1]) * w[1] - (x[3] - x[1]) * w[2],
-            Over::Plane(origin, _) => x[0] - origin,
-            Over::Ball(centre, _) => x[0] - centre,
+            Over::Carried(_) => to_first,
+            Over::Plane(origin, _) | Over::Ball(origin, _) => to_first + (x[0] - origin),
         }
     }
 
     /// Projection onto the plane.
     fn along(&self) -> Matrix3<f64> {
         match self.over {
-            Over::Carried(_, _, n) | Over::Plane(_, n) => Matrix3::identity() - n * n.transpose(),
+            Over::Carried(n) | Over::Plane(_, n) => Matrix3::identity() - n * n.transpose(),
             Over::Ball(..) => Matrix3::zeros(),
         }
     }
@@ -153,22 +171,6 @@ impl Touch {
     /// Tangential displacement since the contact was found [m].
     fn slid(&self, x: &[Point3<f64>; 4]) -> Vector3<f64> {
         self.along() * (self.slip_vector(x) - self.from)
-    }
-}
-
-impl Touch {
-    /// A contact without load.
-    pub fn new(vertex: u32, on: On, over: Over, stiffness: f64, soft: f64) -> Self {
-        Self {
-            vertex,
-            on,
-            over,
-            stiffness,
-            soft,
-            lift: 0.0,
-            slide: 0.0,
-            from: Vector3::zeros(),
-        }
     }
 }
 
@@ -225,7 +227,7 @@ pub enum Contact {
 impl Stencil<4> for Contact {
     fn points(&self) -> [u32; 4] {
         let (Self::Press(touch) | Self::Slide(touch)) = self;
-        touch.corners()
+        touch.corners
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
@@ -238,7 +240,7 @@ impl Stencil<4> for Contact {
             Self::Slide(t) => {
                 let slid = t.slid(x);
                 let energy = 0.5 * t.slide * slid.norm_squared();
-                Some((energy, t.weights().map(|w| slid * (t.slide * w))))
+                Some((energy, t.weights.map(|w| slid * (t.slide * w))))
             }
         }
     }
@@ -256,7 +258,7 @@ impl Stencil<4> for Contact {
                 Some(blocks)
             }
             Self::Slide(t) => {
-                let (weights, along) = (t.weights(), t.along());
+                let (weights, along) = (t.weights, t.along());
                 Some(weights.map(|v| weights.map(|w| along * (t.slide * v * w))))
             }
         }
@@ -271,7 +273,7 @@ impl Stencil<4> for Contact {
                 Some(gap.gradient.map(|g| gap.gradient.map(|h| k * g.dot(&h))))
             }
             Self::Slide(t) => {
-                let weights = t.weights();
+                let weights = t.weights;
                 Some(weights.map(|v| weights.map(|w| t.slide * v * w)))
             }
         }

@@ -38,6 +38,18 @@ pub enum ImplantPlace {
     Point(Point3<f64>),
 }
 
+impl std::fmt::Display for ImplantPlace {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Vertex(vertex) => write!(f, "vertex {vertex}"),
+            Self::Point(at) => {
+                let [x, y, z] = [at.x, at.y, at.z].map(|c| crate::format::number(c * 1e3));
+                write!(f, "({x}, {y}, {z}) mm")
+            }
+        }
+    }
+}
+
 /// An implant with its place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImplantSpec {

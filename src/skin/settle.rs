@@ -5,8 +5,6 @@
 //! decreases with contact as found at the new positions. The rounds end when nothing moves or the
 //! energy no longer decreases. An active plane then contains the nearest point itself.
 
-use std::collections::BTreeSet;
-
 use nalgebra::Point3;
 
 use super::SkinError;
@@ -67,7 +65,7 @@ const SHORTEST: f64 = 1.0 / 64.0;
 const TOLERANCE: f64 = 1e-5;
 
 /// Greatest number of increases of the contact offsets at equilibrium.
-const LIFTS: u32 = 10;
+const LIFTS: u32 = 20;
 
 /// Greatest number of rounds, also after each increase of the offsets, and of iterations in each.
 const ROUNDS: u32 = 80;
@@ -471,12 +469,11 @@ impl SkinSystem {
             if !progress.converged {
                 break;
             }
-            let crossed = self.crossed(x);
-            if !deep && (crossed.is_empty() || lifted == LIFTS) {
+            if !deep && (lifted == LIFTS || !self.is_crossed(x)) {
                 break;
             }
             progress.converged = false;
-            if !descent.detector.lift(x, &crossed) {
+            if !descent.detector.lift(x) {
                 progress.converged = !deep;
                 break;
             }
@@ -484,9 +481,9 @@ impl SkinSystem {
         Ok((descent.progress, descent.pressures))
     }
 
-    /// The vertices of triangles of the lower layer and of implants that cross each other, or an
-    /// obstacle.
-    fn crossed(&self, x: &[Point3<f64>]) -> BTreeSet<u32> {
+    /// True if triangles of the lower layer and of implants cross each other or an obstacle, of which
+    /// one can move.
+    fn is_crossed(&self, x: &[Point3<f64>]) -> bool {
         let n = self.layers.count();
         let mut bodies = vec![(n, x.get(n..2 * n).unwrap_or(&[]), &self.layers.triangles)];
         for (implant, first) in self.implants.iter().zip(self.firsts()) {
@@ -494,29 +491,27 @@ impl SkinSystem {
             let own = first..first + implant.mesh.vertices.len();
             bodies.push((first, &x[own], &implant.mesh.triangles));
         }
-        let mut all = BTreeSet::new();
-        let mut add = |first: usize, corners: [u32; 3]| {
-            all.extend(corners.map(|v| v + first as u32));
-        };
-        for (k, one) in bodies.iter().enumerate() {
-            for other in &bodies[k + 1..] {
-                let found = crossings((one.1, one.2), Some((other.1, other.2)));
-                for [s, t] in found.pairs {
-                    add(one.0, one.2[s as usize]);
-                    add(other.0, other.2[t as usize]);
-                }
-            }
-            for support in self.supports.iter().filter(|_| self.has_obstacles) {
-                let mesh = support.mesh();
-                let found = crossings((one.1, one.2), Some((&mesh.vertices, &mesh.triangles)));
-                for [s, _] in found.pairs {
-                    add(one.0, one.2[s as usize]);
-                }
-            }
-        }
         // What is held lies where it lay.
-        all.retain(|v| !self.layers.held.get(*v as usize).copied().unwrap_or(false));
-        all
+        let held = &self.layers.held;
+        let is_held = |v: usize| held.get(v).copied().unwrap_or(false);
+        let is_free = |(first, _, triangles): &(usize, _, &Vec<[u32; 3]>), t: u32| {
+            let corners = triangles[t as usize];
+            corners.iter().any(|&v| !is_held(first + v as usize))
+        };
+        bodies.iter().enumerate().any(|(k, one)| {
+            let with_bodies = bodies[k + 1..].iter().any(|other| {
+                let found = crossings((one.1, one.2), Some((other.1, other.2)));
+                let mut pairs = found.pairs.iter();
+                pairs.any(|&[s, t]| is_free(one, s) || is_free(other, t))
+            });
+            let mut supports = self.supports.iter().filter(|_| self.has_obstacles);
+            with_bodies
+                || supports.any(|support| {
+                    let mesh = support.mesh();
+                    let found = crossings((one.1, one.2), Some((&mesh.vertices, &mesh.triangles)));
+                    found.pairs.iter().any(|&[s, _]| is_free(one, s))
+                })
+        })
     }
 
     /// Area of the upper layer [m^2].

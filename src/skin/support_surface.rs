@@ -73,6 +73,11 @@ impl SupportSurface {
         &self.mesh
     }
 
+    /// Its edges and their triangles.
+    pub fn topology(&self) -> &Topology {
+        &self.topology
+    }
+
     /// The surface, reversed if it faces inward: a closed surface by its volume, an open one if
     /// most of the points `outside` are on its inner side.
     pub fn facing(mut mesh: TriangleMesh, outside: &[Point3<f64>], within: f64) -> Self {

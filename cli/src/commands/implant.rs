@@ -204,7 +204,8 @@ fn check(made: &SceneText, content: &Content) -> Result<(), Failure> {
                 Some(_) => key.to_owned(),
                 None => format!("implant.{k}.{key}"),
             };
-            made.refused(&key, &error.to_string(), error.help())
+            let place = filled.order.place;
+            made.refused(&key, &format!("at {place}: {error}"), error.help())
         };
         checked(filled).map_err(refused)?;
     }
