@@ -76,7 +76,9 @@ pub struct Body {
     /// Frame and cause of a stop.
     pub stopped: Option<(usize, Broken)>,
     /// True if edges resist stretching.
-    resists_stretch: bool,
+    pub(super) resists_stretch: bool,
+    /// A vertex that jumped in the present frame.
+    pub(super) jump: Option<usize>,
     /// Positions and velocities at the end of the last valid frame.
     pub(super) good: Particles,
 }
@@ -99,7 +101,8 @@ impl Body {
         let (mesh, topology) = (&rest.mesh, &*rest.topology());
         let particles = particles_at_rest(scene, m, mesh, &attached, plan)?;
         let length = mesh.length();
-        let mut system = System::new(particles, settings(scene, length))
+        let substeps = scene.solver.substeps();
+        let mut system = System::new(particles, settings(scene, length, substeps))
             .with_numbering((*rest.numbering()).clone());
         let (edges, edge_stiffness) =
             edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
@@ -135,6 +138,7 @@ impl Body {
             length,
             rest: mesh.clone(),
             stopped: None,
+            jump: None,
         })
     }
 
@@ -222,6 +226,8 @@ impl Body {
             edge_length: _,
             stopped,
             resists_stretch: _,
+            // Only within a frame.
+            jump: _,
             good,
         } = self;
         system.save(to);
@@ -390,16 +396,16 @@ fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
     LoadError::new(scene, "solver.quasi_static", part, fault)
 }
 
-fn settings(scene: &Scene, length: f64) -> StepSettings {
-    let (substeps, iterations) = (scene.solver.substeps(), scene.solver.iterations());
+/// The settings of steps of which a frame has `substeps`, for a muscle of this length [m].
+pub(super) fn settings(scene: &Scene, length: f64, substeps: u32) -> StepSettings {
     let own = scene.solver.velocity_damping();
     let per_frame = own.unwrap_or(1.0);
-    let dt = time_step(scene);
+    let dt = time_step(scene, substeps);
     let damping = scene.effects.damping.unwrap_or(0.0);
     let velocity_factor =
         libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
     StepSettings {
-        iterations,
+        iterations: scene.solver.iterations(),
         gravity: scene.effects.gravity.unwrap_or_else(Vector3::zeros),
         velocity_factor,
         force_factor: if own.is_some() { velocity_factor } else { 1.0 },
@@ -407,9 +413,9 @@ fn settings(scene: &Scene, length: f64) -> StepSettings {
     }
 }
 
-/// Length of a step [s].
-fn time_step(scene: &Scene) -> f64 {
-    1.0 / (scene.frame_rate * f64::from(scene.solver.substeps()))
+/// Length of a step [s] of which a frame has `substeps`.
+pub(super) fn time_step(scene: &Scene, substeps: u32) -> f64 {
+    1.0 / (scene.frame_rate * f64::from(substeps))
 }
 
 fn edges_of(
@@ -439,7 +445,10 @@ fn method(
     let Some(settings) = scene.solver.minimisation() else {
         return Ok(Stepper::Sweeps);
     };
-    let step = scene.solver.has_inertia().then(|| time_step(scene));
+    let step = scene
+        .solver
+        .has_inertia()
+        .then(|| time_step(scene, scene.solver.substeps()));
     let begin = std::time::Instant::now();
     let volume = system.volume.clone();
     let made = Equilibrium::new(

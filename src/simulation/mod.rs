@@ -21,6 +21,7 @@ pub(crate) mod scenario;
 pub(crate) mod skin;
 pub(crate) mod springs;
 mod start;
+mod step_control;
 mod steer;
 mod together;
 
@@ -53,6 +54,7 @@ pub use scenario::{
     SceneDescription, Stepped, scenario, scenario_with,
 };
 use start::Start;
+use step_control::StepControl;
 
 use crate::contact::broad_phase::BroadPhase;
 use crate::contact::capsule::Capsule;
@@ -61,7 +63,6 @@ use crate::contact::{Contacts, Obstacle, PartedPair, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;
-use crate::solvers::{Broken, DIVERGENCE};
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest depth of a vertex below a bone's surface at the end of a frame without another contact
@@ -89,6 +90,8 @@ pub struct Simulation {
     certificate: Certificate,
     frame: usize,
     substeps: u32,
+    /// Number of steps of the frames, beside that of the scene.
+    control: StepControl,
     /// Where frames are computed; `None`: in the pool of the caller.
     pool: Option<rayon::ThreadPool>,
 }
@@ -143,6 +146,7 @@ impl Simulation {
             certificate: Certificate::default(),
             frame: 0,
             substeps,
+            control: StepControl::default(),
             pool: None,
             scene,
         };
@@ -202,14 +206,66 @@ impl Simulation {
         }
     }
 
+    /// Computes a frame with steps so short that no surface jumps.
     fn compute_frame(&mut self) {
-        let steps: Vec<Vec<PosedObstacle>> =
-            (0..self.substeps).map(|s| self.placed_in(s)).collect();
-        let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
-        let frame = self.frame + 1;
-        let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
         // Bodies can have been changed since the last frame.
         self.gather();
+        let start = self.bodies.iter().any(Body::can_jump).then(|| {
+            let mut start = Writer::default();
+            self.save(&mut start);
+            start.bytes
+        });
+        let mut first = None;
+        loop {
+            let is_last_try = start.is_none() || self.control.is_shortest();
+            self.try_frame(is_last_try);
+            let jumped = self.bodies.iter().find_map(|body| {
+                let vertex = body.jump?;
+                Some(format!("{}: vertex {vertex}", body.name))
+            });
+            let Some(jumped) = jumped.filter(|_| !is_last_try) else {
+                break;
+            };
+            let control = self.control;
+            let restored = self.restore(&mut Reader::new(start.as_deref().unwrap_or(&[])));
+            debug_assert!(restored.is_ok());
+            self.control = control;
+            if self.control.shorten() {
+                first = Some(jumped);
+            }
+            self.gather();
+        }
+        if self.bodies.iter().all(|body| body.jump.is_none()) {
+            self.control.note_calm();
+        }
+        if let Some(vertex) = first {
+            self.notes.push(format!(
+                "{vertex} jumped in frame {}: this frame and those in which it happens again take up to {} times as many steps",
+                self.frame,
+                step_control::MOST
+            ));
+        }
+        self.watch_reach();
+        self.gather();
+    }
+
+    /// Computes the steps of the next frame; a jump ends them, and stops the body in the last try.
+    fn try_frame(&mut self, is_last_try: bool) {
+        let substeps = self.control.steps(self.substeps);
+        for body in &mut self.bodies {
+            body.jump = None;
+            let settings = body::settings(&self.scene, body.length, substeps);
+            let own = &mut body.system.settings;
+            own.velocity_factor = settings.velocity_factor;
+            own.force_factor = settings.force_factor;
+        }
+        let of_frame = FrameSteps {
+            steps: (0..substeps).map(|s| self.placed_in(s, substeps)).collect(),
+            dt: body::time_step(&self.scene, substeps),
+            frame: self.frame + 1,
+            thickness: self.scene.effects.contact.map_or(0.0, |c| c.thickness),
+            is_last_try,
+        };
         let mut bodies: Vec<Option<&mut Body>> = self.bodies.iter_mut().map(Some).collect();
         let of_group = |group: &together::Group| -> Vec<&mut Body> {
             let members = group.members.iter();
@@ -222,21 +278,18 @@ impl Simulation {
             groups
                 .par_iter_mut()
                 .zip(bodies)
-                .for_each(|(group, mut bodies)| {
-                    group.compute(&mut bodies, &steps, dt, frame, thickness);
-                });
+                .for_each(|(group, mut bodies)| group.compute(&mut bodies, &of_frame));
         });
         for group in &mut self.groups {
             self.certificate.add(&group.take_certificate());
         }
-        self.placed = steps.into_iter().next_back().unwrap_or_default();
-        self.frame = frame;
-        self.watch_reach();
-        self.gather();
+        self.frame = of_frame.frame;
+        self.placed = of_frame.steps.into_iter().next_back().unwrap_or_default();
     }
 
-    fn placed_in(&self, step: u32) -> Vec<PosedObstacle> {
-        let at = |s: u32| self.frame as f64 + f64::from(s) / f64::from(self.substeps);
+    /// The obstacles in a step of the next frame, which has `steps`.
+    fn placed_in(&self, step: u32, steps: u32) -> Vec<PosedObstacle> {
+        let at = |s: u32| self.frame as f64 + f64::from(s) / f64::from(steps);
         let poses = |bone: usize| (self.pose(bone, at(step)), self.pose(bone, at(step + 1)));
         self.placed
             .iter()
@@ -338,11 +391,13 @@ impl State for Simulation {
             certificate,
             frame,
             substeps: _,
+            control,
             pool: _,
         } = self;
         to.put(frame);
         to.list(notes);
         certificate.save(to);
+        control.save(to);
         bodies.iter().for_each(|body| body.save(to));
         groups.iter().for_each(|group| group.save(to));
     }
@@ -351,11 +406,13 @@ impl State for Simulation {
         let frame: usize = from.take()?;
         self.notes = from.take()?;
         self.certificate.restore(from)?;
+        self.control.restore(from)?;
         match frame.checked_sub(1) {
             None => self.placed = place(&self.scene, &self.surfaces),
             Some(before) => {
                 self.frame = before;
-                self.placed = self.placed_in(self.substeps.saturating_sub(1));
+                let steps = self.control.steps(self.substeps);
+                self.placed = self.placed_in(steps.saturating_sub(1), steps);
             }
         }
         self.frame = frame;
@@ -369,32 +426,40 @@ impl State for Simulation {
     }
 }
 
-fn step_body(body: &mut Body, steps: &[Vec<PosedObstacle>], dt: f64, frame: usize, thickness: f64) {
+/// The steps of a frame.
+struct FrameSteps {
+    /// The obstacles in each step.
+    steps: Vec<Vec<PosedObstacle>>,
+    /// Length of a step [s].
+    dt: f64,
+    /// Number of the frame.
+    frame: usize,
+    /// Contact thickness [m].
+    thickness: f64,
+    /// True if the frame is not repeated with shorter steps.
+    is_last_try: bool,
+}
+
+fn step_body(body: &mut Body, of: &FrameSteps) {
     if let Some(equilibrium) = body.equilibrium_mut() {
         equilibrium.begin_frame();
     }
-    for placed in steps {
-        if let Err(broken) = body.step(placed, dt) {
-            body.system.particles = body.good.clone();
-            body.stopped = Some((frame, broken));
+    for placed in &of.steps {
+        if let Err(broken) = body.step(placed, of.dt) {
+            body.stop(of.frame, broken);
+        }
+        if body.stops_or_jumps(of) {
             return;
         }
     }
-    if let Some(particle) = body.torn() {
-        body.system.particles = body.good.clone();
-        body.stopped = Some((
-            frame,
-            Broken {
-                effect: DIVERGENCE,
-                particle,
-            },
-        ));
+    body.stop_if_torn(of);
+    if body.stopped.is_some() {
         return;
     }
     // An equilibrium ends with contact and volume satisfied.
     let at_rest = !matches!(body.method, Stepper::Sweeps);
-    if let Some(last) = steps.last().filter(|_| !at_rest) {
-        body.system.settle(last, SETTLED * thickness);
+    if let Some(last) = of.steps.last().filter(|_| !at_rest) {
+        body.system.settle(last, SETTLED * of.thickness);
     }
     body.good.clone_from(&body.system.particles);
 }

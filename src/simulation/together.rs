@@ -6,12 +6,12 @@ use rayon::prelude::*;
 use super::body::{Body, Stepper};
 use super::bonds::Bonded;
 use super::joint::Joint;
-use super::{SETTLED, Simulation, place, step_body};
+use super::{FrameSteps, SETTLED, Simulation, place, step_body};
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember, StepMotions};
 use crate::contact::response::OVER_VERTEX;
 use crate::contact::{Contacts, PosedObstacle};
 use crate::mesh::union_find::UnionFind;
-use crate::solvers::{Broken, DIVERGENCE};
+use crate::solvers::Broken;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Number of rounds in which volume and certificate are brought together.
@@ -234,20 +234,13 @@ fn obstacles_of(body: &Body) -> Vec<usize> {
 }
 
 impl Group {
-    /// Computes a frame of `steps` of `dt` [s].
-    pub(super) fn compute(
-        &mut self,
-        bodies: &mut [&mut Body],
-        steps: &[Vec<PosedObstacle>],
-        dt: f64,
-        frame: usize,
-        thickness: f64,
-    ) {
+    /// Computes the steps of a frame; a jump of a member ends them.
+    pub(super) fn compute(&mut self, bodies: &mut [&mut Body], of: &FrameSteps) {
         let Some(meeting) = &mut self.meeting else {
             bodies
                 .par_iter_mut()
                 .filter(|body| body.stopped.is_none())
-                .for_each(|body| step_body(body, steps, dt, frame, thickness));
+                .for_each(|body| step_body(body, of));
             return;
         };
         if bodies.iter().all(|body| body.stopped.is_some()) {
@@ -258,30 +251,25 @@ impl Group {
                 equilibrium.begin_frame();
             }
         }
-        if let Some(first) = steps.first() {
+        if let Some(first) = of.steps.first() {
             meeting.begin_frame(&positions(bodies), first);
         }
-        for placed in steps {
+        for placed in &of.steps {
             match &mut self.joint {
-                None => step(meeting, bodies, placed, dt, frame),
-                Some(joint) => joint_step(joint, meeting, bodies, placed, dt, frame),
+                None => step(meeting, bodies, placed, of),
+                Some(joint) => joint_step(joint, meeting, bodies, placed, of.dt, of.frame),
+            }
+            moving(bodies).for_each(|body| {
+                body.stops_or_jumps(of);
+            });
+            if !of.is_last_try && bodies.iter().any(|body| body.jump.is_some()) {
+                return;
             }
         }
-        for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
-            if let Some(particle) = body.torn() {
-                stop(
-                    body,
-                    frame,
-                    Broken {
-                        effect: DIVERGENCE,
-                        particle,
-                    },
-                );
-            }
-        }
+        moving(bodies).for_each(|body| body.stop_if_torn(of));
         // A minimum ends with contact and volume satisfied.
-        if let Some(last) = steps.last().filter(|_| self.joint.is_none()) {
-            settle(meeting, bodies, last, dt, SETTLED * thickness);
+        if let Some(last) = of.steps.last().filter(|_| self.joint.is_none()) {
+            settle(meeting, bodies, last, of.dt, SETTLED * of.thickness);
         }
         meeting.note_gaps();
         for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
@@ -339,7 +327,7 @@ fn joint_step(
     let begin = std::time::Instant::now();
     if let Err(broken) = joint.step(meeting, bodies, placed, dt) {
         for body in bodies.iter_mut() {
-            stop(body, frame, broken.clone());
+            body.stop(frame, broken.clone());
         }
     }
     if let Some(body) = bodies.first_mut() {
@@ -352,9 +340,9 @@ fn step(
     meeting: &mut Meeting,
     bodies: &mut [&mut Body],
     placed: &[PosedObstacle],
-    dt: f64,
-    frame: usize,
+    of: &FrameSteps,
 ) {
+    let dt = of.dt;
     meeting.begin_step(&positions(bodies), placed);
     let iterations = bodies
         .first()
@@ -373,14 +361,11 @@ fn step(
                 motions = None;
                 body.system.back_to_start();
                 let broken = body.step(placed, dt).err();
-                stop(
-                    body,
-                    frame,
-                    broken.unwrap_or(Broken {
-                        effect: "step",
-                        particle,
-                    }),
-                );
+                let of_step = Broken {
+                    effect: "step",
+                    particle,
+                };
+                body.stop(of.frame, broken.unwrap_or(of_step));
             }
         }
         let begin = std::time::Instant::now();
@@ -497,9 +482,4 @@ fn note(bodies: &mut [&mut Body], begin: std::time::Instant) {
     if let Some(body) = bodies.first_mut() {
         body.system.clock.note("contact", begin);
     }
-}
-
-fn stop(body: &mut Body, frame: usize, broken: Broken) {
-    body.system.particles = body.good.clone();
-    body.stopped = Some((frame, broken));
 }

@@ -11,7 +11,7 @@ use super::settle::SkinSystem;
 use super::support_surface::SupportSurface;
 use crate::contact::Surface;
 use crate::contact::edges::{FacingEdges, OrientedEdges, facing_edges};
-use crate::mesh::measures::{Aabb, max_or_nan};
+use crate::mesh::measures::{Aabb, max_or_nan, triangle_areas};
 use crate::mesh::{Topology, TriangleMesh};
 
 /// Contact stiffness [N/m^3] times the square of the base, relative to the skin's in-plane
@@ -98,10 +98,9 @@ struct Edges {
 
 impl Edges {
     fn new(body: On, mesh: &TriangleMesh, topology: &Topology, first: Option<usize>) -> Self {
-        let doubled = |[a, b, c]: [Point3<f64>; 3]| (b - a).cross(&(c - a)).norm();
         let area = |&[a, b, c, d]: &[u32; 4]| {
-            let corners = |t: [u32; 3]| t.map(|v| mesh.vertices[v as usize]);
-            (doubled(corners([a, b, c])) + doubled(corners([b, a, d]))) / 6.0
+            let beside = triangle_areas(&mesh.vertices, &[[a, b, c], [b, a, d]]);
+            beside.iter().sum::<f64>() / 3.0
         };
         let areas = topology.hinges.iter().map(area).collect();
         let vertices = first.map(|first| first..first + mesh.vertices.len());

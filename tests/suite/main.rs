@@ -35,6 +35,7 @@ mod skin;
 mod soft;
 mod solvers;
 mod springs;
+mod step_control;
 mod tolerances;
 
 /// Value of an environment variable; `PLIANT_DATA` that is not set is the folder `shared/data` beside the repository.

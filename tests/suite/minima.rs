@@ -24,8 +24,8 @@ fn balls() -> [Soft; 2] {
     let is_cap = |v: &u32| ball.vertices[*v as usize].z > 0.7 * RADIUS;
     let cap: Vec<u32> = (0..ball.vertices.len() as u32).filter(is_cap).collect();
     let away = RADIUS + 2e-3;
-    let mut high = Soft::new("high", moved(ball.clone(), [0.0, 0.0, away]));
-    let mut low = Soft::new("low", high.mesh.clone());
+    let mut high = Soft::new("upper", moved(ball.clone(), [0.0, 0.0, away]));
+    let mut low = Soft::new("lower", high.mesh.clone());
     low.mesh.vertices.iter_mut().for_each(|x| x.z = -x.z);
     low.mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     (low.held, high.held, high.bone) = (cap.clone(), cap, "press");

@@ -1,0 +1,148 @@
+//! Step control: a frame in which a surface jumps is undone, and repeated with shorter steps.
+//!
+//! Sweeps over constraints are stable only with steps that are short enough for the stiffness, the
+//! shortest edges and the motion of a scene. Beyond that, single vertices fly off within a frame, and
+//! contact with the triangles that they stretch takes minutes. Such a frame is not shown. It is
+//! computed again from its start with twice as many steps, and the frames after it as well, until
+//! some frames in a row are calm.
+
+use nalgebra::Point3;
+
+use super::FrameSteps;
+use super::body::{Body, Stepper};
+use crate::constraints::distance::Distance;
+use crate::solvers::{Broken, DIVERGENCE};
+use crate::state::{DecodeError, Reader, State, Writer};
+
+/// An edge jumps if it grows in a frame to this multiple of its length at the start of the frame and
+/// at rest: springs in a stable step bring it nearer to its rest length.
+const JUMP: f64 = 2.0;
+
+/// Greatest number of steps of a frame, relative to that of the scene.
+pub(super) const MOST: u32 = 16;
+
+/// Number of calm frames after which steps become longer again.
+const CALM: u32 = 8;
+
+/// How many steps a frame takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct StepControl {
+    /// Number of steps of a frame, relative to that of the scene: a power of two.
+    factor: u32,
+    /// Number of calm frames since it changed.
+    calm: u32,
+    /// Number of frames that were repeated.
+    repeated: u64,
+}
+
+impl Default for StepControl {
+    fn default() -> Self {
+        Self {
+            factor: 1,
+            calm: 0,
+            repeated: 0,
+        }
+    }
+}
+
+impl StepControl {
+    /// Number of steps of the present frame, for that of the scene.
+    pub fn steps(&self, substeps: u32) -> u32 {
+        substeps.saturating_mul(self.factor)
+    }
+
+    /// True if no shorter steps are tried.
+    pub fn is_shortest(&self) -> bool {
+        self.factor >= MOST
+    }
+
+    /// Takes shorter steps. Returns true the first time.
+    pub fn shorten(&mut self) -> bool {
+        self.factor = (2 * self.factor).min(MOST);
+        self.calm = 0;
+        self.repeated += 1;
+        self.repeated == 1
+    }
+
+    /// Notes a frame without a jump.
+    pub fn note_calm(&mut self) {
+        self.calm += 1;
+        if self.calm >= CALM && self.factor > 1 {
+            (self.factor, self.calm) = (self.factor / 2, 0);
+        }
+    }
+}
+
+impl State for StepControl {
+    fn save(&self, to: &mut Writer) {
+        let Self {
+            factor,
+            calm,
+            repeated,
+        } = self;
+        to.put(factor);
+        to.put(calm);
+        to.put(repeated);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
+        *self = Self {
+            factor: from.take()?,
+            calm: from.take()?,
+            repeated: from.take()?,
+        };
+        let is_sound = self.factor.is_power_of_two() && self.factor <= MOST;
+        from.check(is_sound, "a number of steps that no frame takes")
+    }
+}
+
+impl Body {
+    /// True if shorter steps can help the body.
+    pub(super) fn can_jump(&self) -> bool {
+        self.resists_stretch && matches!(self.method, Stepper::Sweeps) && self.stopped.is_none()
+    }
+
+    /// Notes a jump in a step; in the last try it stops the body. Returns true if the body goes no
+    /// further.
+    pub(super) fn stops_or_jumps(&mut self, of: &FrameSteps) -> bool {
+        if self.can_jump() && self.jump.is_none() {
+            self.jump = self.jumped();
+            if let Some(particle) = self.jump.filter(|_| of.is_last_try) {
+                let effect = DIVERGENCE;
+                self.stop(of.frame, Broken { effect, particle });
+            }
+        }
+        self.jump.is_some() || self.stopped.is_some()
+    }
+
+    /// Stops the body if it was torn apart in a frame.
+    pub(super) fn stop_if_torn(&mut self, of: &FrameSteps) {
+        if let Some(particle) = self.torn() {
+            let effect = DIVERGENCE;
+            self.stop(of.frame, Broken { effect, particle });
+        }
+    }
+
+    /// Stops the body at its last valid frame.
+    pub(super) fn stop(&mut self, frame: usize, broken: Broken) {
+        self.system.particles = self.good.clone();
+        self.stopped = Some((frame, broken));
+    }
+
+    /// A vertex of an edge that jumped since the last frame.
+    fn jumped(&self) -> Option<usize> {
+        let squared =
+            |x: &[Point3<f64>], [a, b]: [u32; 2]| (x[a as usize] - x[b as usize]).norm_squared();
+        let now = &self.system.particles.position;
+        let jumps = |edge: &&Distance| {
+            let before = squared(&self.good.position, edge.points);
+            let most = JUMP * JUMP * before.max(edge.rest * edge.rest);
+            // Not `>`, which is false for NaN. What bones hold moves as they do.
+            !(squared(now, edge.points) <= most)
+                && edge.points.iter().any(|&v| self.is_free(v as usize))
+        };
+        let edge = self.edges.iter().find(jumps)?;
+        let free = edge.points.iter().find(|&&v| self.is_free(v as usize));
+        free.map(|&v| v as usize)
+    }
+}
