@@ -38,9 +38,10 @@ pub(crate) struct FacingEdges {
     pub gap: f64,
 }
 
-/// An edge: its ends, and the directions from it to the tips of its triangles.
+/// An edge: its ends, its triangles, and the directions from it to their tips.
 struct Edge {
     ends: [Point3<f64>; 2],
+    triangles: [[Point3<f64>; 3]; 2],
     tips: [Vector3<f64>; 2],
     outward: Vector3<f64>,
 }
@@ -54,6 +55,7 @@ impl Edge {
         let tips = [across(c)?, across(d)?];
         Some(Self {
             ends: [a, b],
+            triangles: [[a, b, c], [b, a, d]],
             tips,
             // The sum of the unit normals of both triangles.
             outward: along.cross(&(tips[0] - tips[1])),
@@ -64,6 +66,22 @@ impl Edge {
     /// more than this sine.
     fn is_below(&self, normal: &Vector3<f64>, rises: f64) -> bool {
         self.tips.iter().all(|tip| tip.dot(normal) <= rises)
+    }
+
+    /// True if another edge passes through a triangle beside this one.
+    fn is_crossed_by(&self, other: &Self) -> bool {
+        let [from, to] = other.ends;
+        self.triangles.iter().any(|[a, b, c]| {
+            let normal = (b - a).cross(&(c - a));
+            let heights = [from, to].map(|end| (end - a).dot(&normal));
+            if !(heights[0] * heights[1] < 0.0) {
+                return false;
+            }
+            let at = from + (to - from) * (heights[0] / (heights[0] - heights[1]));
+            [(a, b), (b, c), (c, a)]
+                .iter()
+                .all(|(p, q)| (*q - *p).cross(&(at - *p)).dot(&normal) >= 0.0)
+        })
     }
 }
 
@@ -137,7 +155,9 @@ fn facing(
         d.cross(&between).dot(&across) / squared,
     ];
     let is_inside = places.iter().all(|w| *w > 0.0 && *w < 1.0);
-    is_inside.then_some(FacingEdges {
+    // Edges of surfaces that pass each other at a distance can lie in this order too.
+    let is_real = gap >= 0.0 || other.is_crossed_by(&one) || one.is_crossed_by(&other);
+    (is_inside && is_real).then_some(FacingEdges {
         hinges,
         places,
         normal,

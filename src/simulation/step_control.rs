@@ -11,6 +11,7 @@ use nalgebra::Point3;
 use super::FrameSteps;
 use super::body::{Body, Stepper};
 use crate::constraints::distance::Distance;
+use crate::solvers::grip::DRAG;
 use crate::solvers::{Broken, DIVERGENCE};
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -97,9 +98,11 @@ impl State for StepControl {
 }
 
 impl Body {
-    /// True if shorter steps can help the body.
+    /// True if shorter steps can help the body; what a user drags may stretch.
     pub(super) fn can_jump(&self) -> bool {
-        self.resists_stretch && matches!(self.method, Stepper::Sweeps) && self.stopped.is_none()
+        let is_dragged = self.system.elastic.iter().any(|part| part.name() == DRAG);
+        let is_swept = matches!(self.method, Stepper::Sweeps);
+        self.resists_stretch && is_swept && !is_dragged && self.stopped.is_none()
     }
 
     /// Notes a jump in a step; in the last try it stops the body. Returns true if the body goes no
