@@ -68,7 +68,7 @@ const TOLERANCE: f64 = 1e-5;
 const LIFTS: u32 = 20;
 
 /// Greatest number of rounds, also after each increase of the offsets, and of iterations in each.
-const ROUNDS: u32 = 160;
+const ROUNDS: u32 = 100;
 const INNER: u32 = 6;
 
 /// Greatest number of iterations of the other method in each round.
