@@ -240,7 +240,8 @@ impl Simulation {
         }
         if let Some(vertex) = first {
             self.notes.push(format!(
-                "{vertex} jumped in frame {}: this frame and those in which it happens again take up to {} times as many steps",
+                "{vertex} jumped in frame {}: this frame and others in which a vertex jumps \
+                 take up to {} times as many steps",
                 self.frame,
                 step_control::MOST
             ));
