@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 
 use super::gap::{Gap, Parts, Within, gap_within};
+use crate::mesh::measures::Aabb;
 
 /// The corners and edges that each triangle owns: every vertex and every edge of a surface belongs
 /// to one of its triangles, so that a search over pairs of triangles finds each pair once. Bit k is
@@ -32,25 +33,17 @@ pub(super) struct Facet {
     pub owned: u8,
     /// Its corners [m].
     pub x: [Point3<f64>; 3],
-    low: Point3<f64>,
-    high: Point3<f64>,
+    bounds: Aabb,
 }
 
 impl Facet {
     pub fn new(corners: [u32; 3], owned: u8, x: [Point3<f64>; 3]) -> Self {
-        let [a, b, c] = &x;
         Self {
             corners,
             owned,
-            low: a.inf(b).inf(c),
-            high: a.sup(b).sup(c),
+            bounds: Aabb::of_points(&x),
             x,
         }
-    }
-
-    /// True if the boxes are farther apart than `reach` [m] along an axis.
-    fn is_farther(&self, other: &Self, reach: f64) -> bool {
-        (0..3).any(|k| self.low[k] - other.high[k] > reach || other.low[k] - self.high[k] > reach)
     }
 
     fn owns(&self, bit: usize) -> bool {
@@ -67,18 +60,55 @@ pub(super) struct NearPair {
     pub gap: Option<Gap>,
 }
 
+/// The pairs of parts of two patches that a search finds.
+pub(super) struct NearPairs {
+    pub pairs: Vec<NearPair>,
+    /// All other pairs are at least this far apart [m].
+    pub reach: f64,
+}
+
 /// Every pair of parts of two patches nearer than `reach` [m], without the pairs that share a
 /// vertex; of a patch with itself if `other` is `None`.
-pub(super) fn near_pairs(one: &[Facet], other: Option<&[Facet]>, reach: f64) -> Vec<NearPair> {
-    let mut found = Vec::new();
-    for (t, facet) in one.iter().enumerate() {
-        for other in other.unwrap_or(&one[t + 1..]) {
-            if !facet.is_farther(other, reach) {
-                search(facet, other, reach, &mut found);
+pub(super) fn near_pairs(one: &[Facet], other: Option<&[Facet]>, reach: f64) -> NearPairs {
+    let (mut pairs, mut least) = (Vec::new(), f64::INFINITY);
+    // Most triangles of two patches are far from the other patch as a whole.
+    let mut near = |of: &[Facet], from: &[Facet]| -> Vec<Facet> {
+        let bounds = from.iter().fold(Aabb::EMPTY, |all, f| all.union(&f.bounds));
+        let is_near = |facet: &&Facet| {
+            let apart = facet.bounds.distance(&bounds);
+            least = if apart > reach {
+                least.min(apart)
+            } else {
+                least
+            };
+            !(apart > reach)
+        };
+        of.iter().filter(is_near).copied().collect()
+    };
+    let (mine, theirs) = match other {
+        Some(other) => (near(one, other), near(other, one)),
+        None => (one.to_vec(), Vec::new()),
+    };
+    for (t, facet) in mine.iter().enumerate() {
+        let others = if other.is_some() {
+            &theirs
+        } else {
+            &mine[t + 1..]
+        };
+        for other in others {
+            let apart = facet.bounds.distance(&other.bounds);
+            if apart > reach {
+                least = least.min(apart);
+            } else {
+                least = reach;
+                search(facet, other, reach, &mut pairs);
             }
         }
     }
-    found
+    NearPairs {
+        pairs,
+        reach: least.max(reach),
+    }
 }
 
 /// The near pairs of two triangles.

@@ -48,6 +48,12 @@ impl Aabb {
         })
     }
 
+    /// Distance to another box [m]; 0 for boxes that overlap.
+    pub fn distance(&self, other: &Self) -> f64 {
+        let between = (self.min - other.max).sup(&(other.min - self.max));
+        between.sup(&Vector3::zeros()).norm()
+    }
+
     /// True for a box without points.
     pub fn is_empty(&self) -> bool {
         (0..3).any(|k| self.min[k] > self.max[k])

@@ -445,11 +445,11 @@ fn step_body(body: &mut Body, of: &FrameSteps) {
     if let Some(equilibrium) = body.equilibrium_mut() {
         equilibrium.begin_frame();
     }
-    for placed in &of.steps {
+    for (step, placed) in of.steps.iter().enumerate() {
         if let Err(broken) = body.step(placed, of.dt) {
             body.stop(of.frame, broken);
         }
-        if body.stops_or_jumps(of) {
+        if body.stops_or_jumps(of, step) {
             return;
         }
     }

@@ -19,6 +19,9 @@ use crate::state::{DecodeError, Reader, State, Writer};
 /// at rest: springs in a stable step bring it nearer to its rest length.
 const JUMP: f64 = 2.0;
 
+/// A jump is looked for after this number of steps, and at the end of a frame.
+const EVERY: usize = 4;
+
 /// Greatest number of steps of a frame, relative to that of the scene.
 pub(super) const MOST: u32 = 16;
 
@@ -105,10 +108,11 @@ impl Body {
         self.resists_stretch && is_swept && !is_dragged && self.stopped.is_none()
     }
 
-    /// Notes a jump in a step; in the last try it stops the body. Returns true if the body goes no
+    /// Notes a jump up to a step; in the last try it stops the body. Returns true if the body goes no
     /// further.
-    pub(super) fn stops_or_jumps(&mut self, of: &FrameSteps) -> bool {
-        if self.can_jump() && self.jump.is_none() {
+    pub(super) fn stops_or_jumps(&mut self, of: &FrameSteps, step: usize) -> bool {
+        let is_looked_at = (step + 1).is_multiple_of(EVERY) || step + 1 == of.steps.len();
+        if is_looked_at && self.can_jump() && self.jump.is_none() {
             self.jump = self.jumped();
             if let Some(particle) = self.jump.filter(|_| of.is_last_try) {
                 let effect = DIVERGENCE;

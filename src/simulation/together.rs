@@ -254,13 +254,13 @@ impl Group {
         if let Some(first) = of.steps.first() {
             meeting.begin_frame(&positions(bodies), first);
         }
-        for placed in &of.steps {
+        for (number, placed) in of.steps.iter().enumerate() {
             match &mut self.joint {
                 None => step(meeting, bodies, placed, of),
                 Some(joint) => joint_step(joint, meeting, bodies, placed, of.dt, of.frame),
             }
             moving(bodies).for_each(|body| {
-                body.stops_or_jumps(of);
+                body.stops_or_jumps(of, number);
             });
             if !of.is_last_try && bodies.iter().any(|body| body.jump.is_some()) {
                 return;

@@ -379,7 +379,7 @@ impl Meeting {
             patch.limit = match self.members[patch.member].bone {
                 None => room(patch) - keep,
                 // A part of a bone that is far from all soft surfaces can move farther.
-                Some(_) => room(patch).max(apart(bounds, &soft) - most),
+                Some(_) => room(patch).max(bounds.distance(&soft) - most),
             };
         }
         let mut near = box_pairs(&wide);
@@ -408,7 +408,7 @@ impl Meeting {
                 reach: if a == b {
                     0.0
                 } else {
-                    apart(&boxes[a as usize], &boxes[b as usize])
+                    boxes[a as usize].distance(&boxes[b as usize])
                 },
                 nearest: [f64::INFINITY; 2],
                 used: one.start.relative(&other.start),
@@ -440,8 +440,9 @@ impl Meeting {
         bucket.reach = self.needs(bucket, Moved { before, step }) + self.margin;
         let itself = bucket.patches[0] == bucket.patches[1];
         let found = near_pairs(&one, (!itself).then_some(&*other), bucket.reach);
+        bucket.reach = found.reach;
         bucket.pairs.clear();
-        for near in found {
+        for near in found.pairs {
             if near.corners.iter().any(|&v| self.mass[v as usize] > 0.0) {
                 let (listed, normal) = near
                     .gap
@@ -569,10 +570,4 @@ impl Meeting {
         let least = &mut self.certificate.least_gap;
         *least = found.into_iter().fold(*least, f64::min);
     }
-}
-
-/// Distance of two boxes [m].
-fn apart(one: &Aabb, other: &Aabb) -> f64 {
-    let between = (one.min - other.max).sup(&(other.min - one.max));
-    between.sup(&Vector3::zeros()).norm()
 }
