@@ -18,7 +18,7 @@ use pliant::io::{self, ReadError, ReadProblem};
 use pliant::mesh::TriangleMesh;
 use pliant::simulation::{Audit, AuditSummary, AuditedSurface, LoadError, VOLUME_HELD};
 use rayon::prelude::*;
-use series::{Part, Series};
+use series::{Part, Series, keeps_volumes};
 
 /// Count crossings, vertices inside and changes of volume in written frames, of this or another
 /// program
@@ -36,7 +36,7 @@ file is found from its content.
 A crossing is a pair of triangles that share a point, by exact predicates. Triangles that share a corner or an edge cross
 only if they also share another point. Pairs of rigid surfaces are not tested. Vertices inside are found by exact winding
 numbers, which need closed surfaces. Files do not say which vertices bones hold, so that vertices inside bones are held
-ones as well. Surfaces are soft, except those of --rigid and those with a name that begins with bone_ or obstacle_, as
+ones as well. Changes of volume are not judged in a folder of `pliant run` whose scene lets volumes change. Surfaces are soft, except those of --rigid and those with a name that begins with bone_ or obstacle_, as
 `pliant run` names them.
 
 Exit codes: 0 nothing crosses, nothing is inside, volumes are held; 1 otherwise, or a coordinate is not finite; 2 a file
@@ -208,7 +208,15 @@ impl Frames {
                 "{flat} triangles without area are in no test of crossings"
             ));
         }
-        let verdicts = audit::verdicts(&summary, arguments.volume_limit, ADVICE);
+        let limit = if keeps_volumes(&arguments.frames) {
+            Some(arguments.volume_limit)
+        } else {
+            notes.push(
+                "changes of volumes are not judged: the scene of this run lets them change".into(),
+            );
+            None
+        };
+        let verdicts = audit::verdicts(&summary, limit, ADVICE);
         let table = audit::table(&summary);
         let checks = crate::report::output::verdict_table(&verdicts).to_text();
         Ok(RunOutput {

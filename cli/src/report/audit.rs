@@ -201,8 +201,9 @@ pub fn crossing_verdicts(summary: &AuditSummary, advice: &str) -> Vec<Verdict> {
     all
 }
 
-/// All checks of the audit of files; volumes may change by `volume_limit`, relative.
-pub fn verdicts(summary: &AuditSummary, volume_limit: f64, advice: &str) -> Vec<Verdict> {
+/// All checks of the audit of files; volumes may change by `volume_limit`, relative, and are not
+/// judged without it.
+pub fn verdicts(summary: &AuditSummary, volume_limit: Option<f64>, advice: &str) -> Vec<Verdict> {
     let mut all = crossing_verdicts(summary, advice);
     let place = place(summary, |p| {
         p.worst.with_rigid && p.worst.vertices_inside != [0, 0]
@@ -225,6 +226,9 @@ pub fn verdicts(summary: &AuditSummary, volume_limit: f64, advice: &str) -> Vec<
         0.0,
     );
     all.push(shared.in_unit("m3").at("all surfaces"));
+    let Some(volume_limit) = volume_limit else {
+        return all;
+    };
     let volume = Verdict::at_most(
         "change of an enclosed volume since the first frame, relative",
         summary.volume_error_max,

@@ -217,6 +217,21 @@ fn the_summary_of_a_run_is_that_of_its_files() {
 }
 
 #[test]
+fn a_volume_that_the_scene_changes_is_not_judged() {
+    let scratch = Scratch::folder();
+    let out = scratch.join("lattice");
+    run_into(&out, &["lattice", "--frames", "2", "--quiet"]);
+    let (code, of_run) = audit(&out, &[]);
+    assert_eq!(code, Some(0), "{of_run}");
+    assert!(measures(&of_run)["volume_error_max"].as_f64() > Some(1e-6));
+    // The frames alone do not say what the scene lets change.
+    fs::remove_file(out.join("summary.json")).expect("a summary");
+    let (code, of_files) = audit(&out, &[]);
+    assert_eq!(code, Some(1), "{of_files}");
+    assert_eq!(measures(&of_run), measures(&of_files));
+}
+
+#[test]
 fn wrong_input_is_refused() {
     let scratch = clean();
     let here = shown(&scratch).to_owned();

@@ -3,12 +3,31 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use serde_json::Value;
+
 use crate::commands::failure::Failure;
 use pliant::io::{FORMATS, pvd};
 use pliant::simulation::LoadError;
 
 /// Beginnings of names of rigid surfaces, as a run writes them.
 const RIGID: [&str; 2] = ["bone_", "obstacle_"];
+
+/// True unless a folder of `pliant run` says that its scene does not keep enclosed volumes: an implant
+/// is filled, springs may stretch.
+pub(super) fn keeps_volumes(frames: &Path) -> bool {
+    let folder = if frames.is_dir() {
+        Some(frames)
+    } else {
+        frames.parent()
+    };
+    let summary = folder.and_then(|folder| std::fs::read(folder.join("summary.json")).ok());
+    let Some(summary) = summary.and_then(|text| serde_json::from_slice::<Value>(&text).ok()) else {
+        return true;
+    };
+    let run = summary["effects"]["run"].as_array();
+    let keeps = |effect: &Value| effect["effect"] == "volume";
+    run.is_none_or(|run| summary["kind"] == "muscles" && run.iter().any(keeps))
+}
 
 /// A surface of a frame.
 #[derive(Clone, Debug, PartialEq)]
