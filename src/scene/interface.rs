@@ -65,8 +65,10 @@ fn pair(item: &Item<'_>, muscles: &[Muscle]) -> Result<[usize; 2], SceneError> {
         match muscles.iter().position(|muscle| muscle.name == name) {
             None => return item.fail(unknown_name("muscle", name, names)),
             Some(muscle) if found.contains(&muscle) => {
-                let name = name.to_owned();
-                return item.fail(SceneProblem::DuplicateName { name });
+                return item.fail(SceneProblem::out_of_range(
+                    &format!("{name} twice"),
+                    "the names of two different muscles",
+                ));
             }
             Some(muscle) => found.push(muscle),
         }

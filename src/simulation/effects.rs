@@ -36,7 +36,7 @@ pub(super) static MODELS: [EffectModel; 7] = [
     EffectModel {
         key: "stretch",
         scope: Scope::Muscle,
-        nanoseconds: 16.0,
+        nanoseconds: 5.0,
         plan: |planner| {
             let edges = planner.edges;
             planner.run("stretch", edges, edges * 52);
@@ -46,7 +46,7 @@ pub(super) static MODELS: [EffectModel; 7] = [
     EffectModel {
         key: "bending",
         scope: Scope::Muscle,
-        nanoseconds: 58.0,
+        nanoseconds: 14.0,
         plan: |planner| match planner.hinges {
             0 => planner.leave("bending", "no two triangles share an edge"),
             hinges => planner.run("bending", hinges, hinges * 60),
@@ -56,7 +56,7 @@ pub(super) static MODELS: [EffectModel; 7] = [
     EffectModel {
         key: "volume",
         scope: Scope::Muscle,
-        nanoseconds: 60.0,
+        nanoseconds: 20.0,
         plan: plan_volume,
         build: Some(build_volume),
     },
@@ -71,7 +71,7 @@ pub(super) static MODELS: [EffectModel; 7] = [
     EffectModel {
         key: "contact",
         scope: Scope::Muscle,
-        nanoseconds: 49.0,
+        nanoseconds: 18.0,
         plan: plan_contact,
         build: None,
     },

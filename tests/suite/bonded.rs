@@ -280,7 +280,7 @@ fn wrong_interfaces_are_refused_with_their_line() {
         ),
         (
             "between = ['upper', 'upper']\nkind = 'bonded'",
-            "[E064]: interface.0.between.1: the name `upper` is given twice; give each its own name",
+            "[E051]: interface.0.between.1: `upper twice` is not allowed here; give the names of two different muscles",
             1,
         ),
         (
