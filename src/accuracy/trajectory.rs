@@ -53,6 +53,7 @@ impl Trajectory {
     ) -> Result<Self, LoadError> {
         let scene = Scene {
             solver: candidate.solver,
+            adapts_steps: false,
             ..scene.clone()
         };
         let plan = Plan::new(&scene, assets);

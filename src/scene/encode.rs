@@ -33,6 +33,7 @@ impl Encode for Scene {
             most_held,
             effects,
             solver,
+            adapts_steps,
             accuracy,
             origin: _,
         } = self;
@@ -46,6 +47,7 @@ impl Encode for Scene {
         to.field("most_held", most_held);
         to.field("effects", effects);
         to.field("solver", solver);
+        to.field("adapts_steps", adapts_steps);
         to.field("accuracy", accuracy);
     }
 }

@@ -86,6 +86,9 @@ pub struct Scene {
     pub effects: Effects,
     /// Solver of the motion.
     pub solver: Solver,
+    /// True if the scene names no number of steps for XPBD: a frame with a residual above the
+    /// tolerance is then repeated with more steps.
+    pub adapts_steps: bool,
     /// The accuracy that the user requests: solver and settings are then chosen automatically.
     pub accuracy: Option<Accuracy>,
     /// Origin of the scene's text, for errors found in its meshes.

@@ -200,6 +200,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         muscles,
         effects: parse_effects::effects(root)?,
         solver: parse_effects::solver(root)?,
+        adapts_steps: parse_effects::adapts_steps(root)?,
         accuracy: root
             .get("accuracy")
             .map(|item| parse_effects::accuracy(&item))

@@ -41,6 +41,18 @@ pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
     Ok(Solver::default())
 }
 
+/// True for XPBD without a number of steps.
+pub(super) fn adapts_steps(root: &Section<'_>) -> Result<bool, SceneError> {
+    let Some(section) = root.section("solver")? else {
+        return Ok(true);
+    };
+    let xpbd = section.section(SOLVERS[0].key)?;
+    let names_others = SOLVERS[1..]
+        .iter()
+        .any(|spec| section.get(spec.key).is_some());
+    Ok(!names_others && xpbd.is_none_or(|xpbd| xpbd.get("substeps").is_none()))
+}
+
 fn settings(spec: &SolverSpec, section: &Section<'_>) -> Result<Solver, SceneError> {
     let mut values = Vec::new();
     for (key, default) in spec.default.settings() {

@@ -11,6 +11,7 @@ pub(super) use builder::Builder;
 pub(super) use given::attach;
 use given::{displace, forces, hold};
 
+use super::FrameSteps;
 use super::assets::Assets;
 use super::equilibrium::Equilibrium;
 use super::fault::{Fault, LoadError};
@@ -146,12 +147,16 @@ impl Body {
     ///
     /// # Errors
     /// A number that is not finite appeared.
-    pub(super) fn step(&mut self, placed: &[PosedObstacle], dt: f64) -> Result<(), Broken> {
+    pub(super) fn step(
+        &mut self,
+        placed: &[PosedObstacle],
+        of: &FrameSteps<'_>,
+    ) -> Result<(), Broken> {
         let begin = std::time::Instant::now();
         let done = match &mut self.method {
             Stepper::Tracked(tracked) => tracked.step(&mut self.system, placed),
-            Stepper::Minimum(equilibrium) => equilibrium.step(&mut self.system, placed, dt),
-            Stepper::Sweeps => return self.system.step(placed, dt),
+            Stepper::Minimum(equilibrium) => equilibrium.step(&mut self.system, placed, of),
+            Stepper::Sweeps => return self.system.step(placed, of.dt),
         };
         self.system.clock.note("equilibrium", begin);
         done

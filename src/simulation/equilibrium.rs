@@ -3,6 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::FrameSteps;
 use crate::constraints::EnclosedVolume;
 use crate::constraints::Potential;
 use crate::contact::{ContactPlane, Contacts, PosedObstacle};
@@ -93,7 +94,7 @@ impl Equilibrium {
     }
 
     /// Moves with the bones to their present poses and minimises the energy. Velocities become
-    /// zero, or with inertia those of the step of `dt` [s].
+    /// zero, or with inertia those of the step.
     ///
     /// # Errors
     /// A number that is not finite; the body is restored to the state before.
@@ -101,8 +102,9 @@ impl Equilibrium {
         &mut self,
         system: &mut System,
         placed: &[PosedObstacle],
-        dt: f64,
+        of: &FrameSteps<'_>,
     ) -> Result<(), Broken> {
+        let dt = of.dt;
         let start = system.particles.position.clone();
         self.aim(&system.particles, system.settings.velocity_factor * dt);
         let held: Vec<(u32, Point3<f64>)> = system
@@ -114,7 +116,8 @@ impl Equilibrium {
         let outcome = match &mut system.contacts {
             None => {
                 self.solver.follow(x, &held, &mut NoContact);
-                self.solver.solve(x, &mut NoContact, |_, _| true)
+                self.solver
+                    .solve(x, &mut NoContact, |_, _| !of.stop.is_asked())
             }
             Some(contacts) => {
                 let mut bones = Bones::new(contacts, &mut self.scratch, placed);
@@ -125,7 +128,7 @@ impl Equilibrium {
                     bones.push(&before, x);
                     bones.accept(x);
                 }
-                self.solver.solve(x, &mut bones, |_, _| true)
+                self.solver.solve(x, &mut bones, |_, _| !of.stop.is_asked())
             }
         };
         if let Some(particle) = first_non_finite(&system.particles.position) {

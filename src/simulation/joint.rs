@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use nalgebra::{Point3, Vector3};
 
+use super::FrameSteps;
 use super::body::{Body, Stepper};
 use super::equilibrium::{Bones, Equilibrium, TOUCHING, first_non_finite};
 use crate::constraints::EnclosedVolume;
@@ -78,8 +79,9 @@ impl Joint {
         meeting: &mut Meeting,
         bodies: &mut [&mut Body],
         placed: &[PosedObstacle],
-        dt: f64,
+        of: &FrameSteps<'_>,
     ) -> Result<(), Broken> {
+        let dt = of.dt;
         let start = self.positions(bodies);
         let mut held = Vec::new();
         for (body, range) in bodies.iter_mut().zip(&self.ranges) {
@@ -105,7 +107,9 @@ impl Joint {
         self.solver.follow(&mut x, &held, &mut around);
         around.is_there = true;
         self.solver.settle(&mut x, &mut around);
-        let outcome = self.solver.solve(&mut x, &mut around, |_, _| true);
+        let outcome = self
+            .solver
+            .solve(&mut x, &mut around, |_, _| !of.stop.is_asked());
         around.end();
         give_back(bodies, &mut self.solver.problem.energy);
         let broken = first_non_finite(&x);

@@ -245,7 +245,7 @@ fn stretch(body: &Body) -> (f64, f64) {
     ((sum / body.edges.len().max(1) as f64).sqrt(), max)
 }
 
-fn elastic_residual(body: &Body) -> f64 {
+pub(super) fn elastic_residual(body: &Body) -> f64 {
     let all: Vec<Residual> = body
         .system
         .residuals()

@@ -36,7 +36,11 @@ pub use plan::{LeftOut, Planned};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
 pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 
-use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, mpsc};
+use std::thread;
+use std::time::Duration;
 
 use nalgebra::Isometry3;
 use rayon::prelude::*;
@@ -61,13 +65,17 @@ use crate::contact::capsule::Capsule;
 use crate::contact::meeting::Certificate;
 use crate::contact::{Contacts, Obstacle, PartedPair, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::Aabb;
+use crate::mesh::measures::{Aabb, max_or_nan};
+use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest depth of a vertex below a bone's surface at the end of a frame without another contact
 /// query, relative to the contact thickness.
 const SETTLED: f64 = 2e-4;
+
+/// A progress is asked after this time whether to stop.
+const ASKED_EVERY: Duration = Duration::from_millis(20);
 
 /// A simulation of muscles.
 pub struct Simulation {
@@ -146,7 +154,7 @@ impl Simulation {
             certificate: Certificate::default(),
             frame: 0,
             substeps,
-            control: StepControl::default(),
+            control: StepControl::new(scene.adapts_steps),
             pool: None,
             scene,
         };
@@ -197,61 +205,127 @@ impl Simulation {
 
     /// Computes the next frame.
     pub fn step_frame(&mut self) {
-        match self.pool.take() {
-            Some(pool) => {
-                pool.install(|| self.compute_frame());
-                self.pool = Some(pool);
+        self.frame_unless(Stop(None));
+    }
+
+    /// Computes the next frame, unless the progress stops it: it is asked many times a second.
+    /// Then everything is as before the frame. In a pool of threads the progress is not asked.
+    pub fn step_frame_with(&mut self, progress: &dyn Progress) -> Stepped {
+        // A thread of a pool that waits for others of it could wait for ever.
+        if rayon::current_thread_index().is_some() {
+            self.step_frame();
+            return Stepped::Done;
+        }
+        let asked = AtomicBool::new(false);
+        let (held, dropped) = mpsc::channel::<()>();
+        let done = thread::scope(|scope| {
+            let worker = scope.spawn(|| {
+                // Dropped at the end, after a panic as well.
+                let _held = held;
+                self.frame_unless(Stop(Some(&asked)))
+            });
+            while dropped.recv_timeout(ASKED_EVERY) == Err(RecvTimeoutError::Timeout) {
+                if progress.is_stopped() {
+                    asked.store(true, Ordering::Relaxed);
+                }
             }
-            None => self.compute_frame(),
+            worker.join()
+        });
+        match done {
+            Ok(true) => Stepped::Done,
+            Ok(false) => Stepped::Interrupted,
+            Err(panic) => std::panic::resume_unwind(panic),
         }
     }
 
-    /// Computes a frame with steps so short that no surface jumps.
-    fn compute_frame(&mut self) {
+    fn frame_unless(&mut self, stop: Stop<'_>) -> bool {
+        match self.pool.take() {
+            Some(pool) => {
+                let done = pool.install(|| self.compute_frame(stop));
+                self.pool = Some(pool);
+                done
+            }
+            None => self.compute_frame(stop),
+        }
+    }
+
+    /// Computes a frame with steps so short that no surface jumps. Returns false if it was stopped,
+    /// and then all is as before it.
+    fn compute_frame(&mut self, stop: Stop<'_>) -> bool {
         // Bodies can have been changed since the last frame.
         self.gather();
-        let start = self.bodies.iter().any(Body::can_jump).then(|| {
+        let can_jump = self.bodies.iter().any(Body::can_jump);
+        let start = (can_jump || stop.can_come()).then(|| {
             let mut start = Writer::default();
             self.save(&mut start);
             start.bytes
         });
-        let mut first = None;
+        let (mut first, had_refined) = (None, self.control.has_refined());
         loop {
-            let is_last_try = start.is_none() || self.control.is_shortest();
-            self.try_frame(is_last_try);
+            let is_last_try = !can_jump || self.control.is_shortest();
+            self.try_frame(is_last_try, stop);
+            if stop.is_asked() {
+                self.undo(start.as_deref());
+                return false;
+            }
             let jumped = self.bodies.iter().find_map(|body| {
                 let vertex = body.jump?;
                 Some(format!("{}: vertex {vertex}", body.name))
             });
-            let Some(jumped) = jumped.filter(|_| !is_last_try) else {
+            if let Some(jumped) = jumped.filter(|_| !is_last_try) {
+                if self.control.shorten() {
+                    first = Some(jumped);
+                }
+            } else if !can_jump || !self.control.refines(self.residual()) {
                 break;
-            };
-            let control = self.control;
-            let restored = self.restore(&mut Reader::new(start.as_deref().unwrap_or(&[])));
-            debug_assert!(restored.is_ok());
-            self.control = control;
-            if self.control.shorten() {
-                first = Some(jumped);
             }
-            self.gather();
+            let control = self.control;
+            self.undo(start.as_deref());
+            self.control = control;
         }
         if self.bodies.iter().all(|body| body.jump.is_none()) {
-            self.control.note_calm();
+            self.control.note_calm(self.residual());
         }
+        let (frame, most) = (self.frame, self.control.most());
         if let Some(vertex) = first {
             self.notes.push(format!(
-                "{vertex} jumped in frame {}: this frame and others in which a vertex jumps \
-                 take up to {} times as many steps",
-                self.frame,
-                step_control::MOST
+                "{vertex} jumped in frame {frame}: this frame and others in which a vertex jumps \
+                 take up to {most} times as many steps"
+            ));
+        }
+        if self.control.has_refined() && !had_refined {
+            self.notes.push(format!(
+                "the scene names no `substeps`: {} a frame leave a residual above the tolerance in \
+                 frame {frame}; this frame and others like it take up to {most} times as many",
+                self.substeps
             ));
         }
         self.watch_reach();
         self.gather();
+        true
+    }
+
+    /// Goes back to a saved start of the frame.
+    fn undo(&mut self, start: Option<&[u8]>) {
+        let restored = self.restore(&mut Reader::new(start.unwrap_or(&[])));
+        debug_assert!(restored.is_ok());
+        self.gather();
+    }
+
+    /// The greatest residual of muscles that sweep, relative to the tolerance; 0 if the scene has a
+    /// number of steps.
+    fn residual(&self) -> f64 {
+        if !self.scene.adapts_steps {
+            return 0.0;
+        }
+        let tolerance = self.scene.solver.tolerance();
+        let of = |body: &Body| measures::elastic_residual(body) / (tolerance * body.edge_length);
+        let swept = self.bodies.iter().filter(|body| body.can_jump());
+        max_or_nan(swept.map(of))
     }
 
     /// Computes the steps of the next frame; a jump ends them, and stops the body in the last try.
-    fn try_frame(&mut self, is_last_try: bool) {
+    fn try_frame(&mut self, is_last_try: bool, stop: Stop<'_>) {
         let substeps = self.control.steps(self.substeps);
         for body in &mut self.bodies {
             body.jump = None;
@@ -266,6 +340,7 @@ impl Simulation {
             frame: self.frame + 1,
             thickness: self.scene.effects.contact.map_or(0.0, |c| c.thickness),
             is_last_try,
+            stop,
         };
         let mut bodies: Vec<Option<&mut Body>> = self.bodies.iter_mut().map(Some).collect();
         let of_group = |group: &together::Group| -> Vec<&mut Body> {
@@ -427,8 +502,23 @@ impl State for Simulation {
     }
 }
 
+/// Whether the computation of a frame is to end.
+#[derive(Clone, Copy, Debug)]
+struct Stop<'a>(Option<&'a AtomicBool>);
+
+impl Stop<'_> {
+    /// False if nobody can ask for a stop.
+    fn can_come(self) -> bool {
+        self.0.is_some()
+    }
+
+    fn is_asked(self) -> bool {
+        self.0.is_some_and(|asked| asked.load(Ordering::Relaxed))
+    }
+}
+
 /// The steps of a frame.
-struct FrameSteps {
+struct FrameSteps<'a> {
     /// The obstacles in each step.
     steps: Vec<Vec<PosedObstacle>>,
     /// Length of a step [s].
@@ -439,17 +529,19 @@ struct FrameSteps {
     thickness: f64,
     /// True if the frame is not repeated with shorter steps.
     is_last_try: bool,
+    /// Ends the frame early.
+    stop: Stop<'a>,
 }
 
-fn step_body(body: &mut Body, of: &FrameSteps) {
+fn step_body(body: &mut Body, of: &FrameSteps<'_>) {
     if let Some(equilibrium) = body.equilibrium_mut() {
         equilibrium.begin_frame();
     }
     for (step, placed) in of.steps.iter().enumerate() {
-        if let Err(broken) = body.step(placed, of.dt) {
+        if let Err(broken) = body.step(placed, of) {
             body.stop(of.frame, broken);
         }
-        if body.stops_or_jumps(of, step) {
+        if body.stops_or_jumps(of, step) || of.stop.is_asked() {
             return;
         }
     }

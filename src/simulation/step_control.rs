@@ -5,6 +5,10 @@
 //! contact with the triangles that they stretch takes minutes. Such a frame is not shown. It is
 //! computed again from its start with twice as many steps, and the frames after it as well, until
 //! some frames in a row are calm.
+//!
+//! Where a scene names no number of steps, the same holds for a frame whose residual is above the
+//! tolerance. Steps become longer again only if the residual is far below it, and shorter ones are
+//! not tried again where they did not lessen it.
 
 use nalgebra::Point3;
 
@@ -22,34 +26,61 @@ const JUMP: f64 = 2.0;
 /// A jump is looked for after this number of steps, and at the end of a frame.
 const EVERY: usize = 4;
 
-/// Greatest number of steps of a frame, relative to that of the scene.
-pub(super) const MOST: u32 = 16;
+/// Greatest number of steps of a frame, relative to that of the scene, and to the first one where the
+/// scene names none.
+const MOST: u32 = 16;
+const MOST_ADAPTED: u32 = 64;
 
 /// Number of calm frames after which steps become longer again.
 const CALM: u32 = 8;
 
+/// Twice as many steps lessen a residual at least to this share, or are in vain: where steps are
+/// what it comes from, they bring it to a quarter.
+const LESS: f64 = 0.7;
+
+/// A residual that shorter steps did not lessen is accepted up to this multiple of it.
+const ACCEPTED: f64 = 1.5;
+
+/// Steps become longer while the residual is below this share of the tolerance: twice the length
+/// brings four times the residual.
+const EASY: f64 = 0.2;
+
 /// How many steps a frame takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StepControl {
     /// Number of steps of a frame, relative to that of the scene: a power of two.
     factor: u32,
+    most: u32,
     /// Number of calm frames since it changed.
     calm: u32,
-    /// Number of frames that were repeated.
+    /// Number of frames that were repeated for a jump, and for their residual.
     repeated: u64,
-}
-
-impl Default for StepControl {
-    fn default() -> Self {
-        Self {
-            factor: 1,
-            calm: 0,
-            repeated: 0,
-        }
-    }
+    refined: u64,
+    /// The residual of the last try of the present frame, and the greatest one that is accepted,
+    /// relative to the tolerance.
+    tried: f64,
+    accepted: f64,
 }
 
 impl StepControl {
+    /// Begins with the number of steps of the scene, or with the first one if it `adapts`.
+    pub fn new(adapts: bool) -> Self {
+        Self {
+            factor: 1,
+            most: if adapts { MOST_ADAPTED } else { MOST },
+            calm: 0,
+            repeated: 0,
+            refined: 0,
+            tried: f64::INFINITY,
+            accepted: 1.0,
+        }
+    }
+
+    /// Greatest number of steps of a frame, relative to that at the start.
+    pub fn most(&self) -> u32 {
+        self.most
+    }
+
     /// Number of steps of the present frame, for that of the scene.
     pub fn steps(&self, substeps: u32) -> u32 {
         substeps.saturating_mul(self.factor)
@@ -57,19 +88,57 @@ impl StepControl {
 
     /// True if no shorter steps are tried.
     pub fn is_shortest(&self) -> bool {
-        self.factor >= MOST
+        self.factor >= self.most
     }
 
-    /// Takes shorter steps. Returns true the first time.
+    /// Takes shorter steps after a jump. Returns true the first time.
     pub fn shorten(&mut self) -> bool {
-        self.factor = (2 * self.factor).min(MOST);
-        self.calm = 0;
+        self.double();
         self.repeated += 1;
         self.repeated == 1
     }
 
-    /// Notes a frame without a jump.
-    pub fn note_calm(&mut self) {
+    fn double(&mut self) {
+        self.factor = (2 * self.factor).min(self.most);
+        self.calm = 0;
+    }
+
+    /// Takes shorter steps after a frame with this residual, relative to the tolerance, if they can
+    /// lessen it. Returns true if the frame is to be repeated.
+    pub fn refines(&mut self, residual: f64) -> bool {
+        // NaN is not lessened.
+        if !(residual > self.accepted) {
+            return false;
+        }
+        if residual > LESS * self.tried {
+            self.accepted = ACCEPTED * residual;
+            self.factor = (self.factor / 2).max(1);
+            return false;
+        }
+        if self.is_shortest() {
+            return false;
+        }
+        self.tried = residual;
+        self.refined += 1;
+        self.double();
+        true
+    }
+
+    /// True if a frame was repeated for its residual.
+    pub fn has_refined(&self) -> bool {
+        self.refined > 0
+    }
+
+    /// Notes a frame without a jump, with its residual relative to the tolerance.
+    pub fn note_calm(&mut self, residual: f64) {
+        self.tried = f64::INFINITY;
+        if residual <= 1.0 {
+            self.accepted = 1.0;
+        }
+        if !(residual <= EASY || residual > 1.0) {
+            self.calm = 0;
+            return;
+        }
         self.calm += 1;
         if self.calm >= CALM && self.factor > 1 {
             (self.factor, self.calm) = (self.factor / 2, 0);
@@ -81,12 +150,18 @@ impl State for StepControl {
     fn save(&self, to: &mut Writer) {
         let Self {
             factor,
+            most: _,
             calm,
             repeated,
+            refined,
+            tried,
+            accepted,
         } = self;
         to.put(factor);
         to.put(calm);
         to.put(repeated);
+        to.put(refined);
+        to.put(&(*tried, *accepted));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
@@ -94,8 +169,11 @@ impl State for StepControl {
             factor: from.take()?,
             calm: from.take()?,
             repeated: from.take()?,
+            refined: from.take()?,
+            ..*self
         };
-        let is_sound = self.factor.is_power_of_two() && self.factor <= MOST;
+        (self.tried, self.accepted) = from.take()?;
+        let is_sound = self.factor.is_power_of_two() && self.factor <= self.most;
         from.check(is_sound, "a number of steps that no frame takes")
     }
 }
@@ -110,7 +188,7 @@ impl Body {
 
     /// Notes a jump up to a step; in the last try it stops the body. Returns true if the body goes no
     /// further.
-    pub(super) fn stops_or_jumps(&mut self, of: &FrameSteps, step: usize) -> bool {
+    pub(super) fn stops_or_jumps(&mut self, of: &FrameSteps<'_>, step: usize) -> bool {
         let is_looked_at = (step + 1).is_multiple_of(EVERY) || step + 1 == of.steps.len();
         if is_looked_at && self.can_jump() && self.jump.is_none() {
             self.jump = self.jumped();
@@ -123,7 +201,7 @@ impl Body {
     }
 
     /// Stops the body if it was torn apart in a frame.
-    pub(super) fn stop_if_torn(&mut self, of: &FrameSteps) {
+    pub(super) fn stop_if_torn(&mut self, of: &FrameSteps<'_>) {
         if let Some(particle) = self.torn() {
             let effect = DIVERGENCE;
             self.stop(of.frame, Broken { effect, particle });

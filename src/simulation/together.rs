@@ -235,7 +235,7 @@ fn obstacles_of(body: &Body) -> Vec<usize> {
 
 impl Group {
     /// Computes the steps of a frame; a jump of a member ends them.
-    pub(super) fn compute(&mut self, bodies: &mut [&mut Body], of: &FrameSteps) {
+    pub(super) fn compute(&mut self, bodies: &mut [&mut Body], of: &FrameSteps<'_>) {
         let Some(meeting) = &mut self.meeting else {
             bodies
                 .par_iter_mut()
@@ -257,12 +257,13 @@ impl Group {
         for (number, placed) in of.steps.iter().enumerate() {
             match &mut self.joint {
                 None => step(meeting, bodies, placed, of),
-                Some(joint) => joint_step(joint, meeting, bodies, placed, of.dt, of.frame),
+                Some(joint) => joint_step(joint, meeting, bodies, placed, of),
             }
             moving(bodies).for_each(|body| {
                 body.stops_or_jumps(of, number);
             });
-            if !of.is_last_try && bodies.iter().any(|body| body.jump.is_some()) {
+            let jumps = bodies.iter().any(|body| body.jump.is_some());
+            if of.stop.is_asked() || !of.is_last_try && jumps {
                 return;
             }
         }
@@ -318,16 +319,15 @@ fn joint_step(
     meeting: &mut Meeting,
     bodies: &mut [&mut Body],
     placed: &[PosedObstacle],
-    dt: f64,
-    frame: usize,
+    of: &FrameSteps<'_>,
 ) {
     if bodies.iter().any(|body| body.stopped.is_some()) {
         return;
     }
     let begin = std::time::Instant::now();
-    if let Err(broken) = joint.step(meeting, bodies, placed, dt) {
+    if let Err(broken) = joint.step(meeting, bodies, placed, of) {
         for body in bodies.iter_mut() {
-            body.stop(frame, broken.clone());
+            body.stop(of.frame, broken.clone());
         }
     }
     if let Some(body) = bodies.first_mut() {
@@ -340,7 +340,7 @@ fn step(
     meeting: &mut Meeting,
     bodies: &mut [&mut Body],
     placed: &[PosedObstacle],
-    of: &FrameSteps,
+    of: &FrameSteps<'_>,
 ) {
     let dt = of.dt;
     meeting.begin_step(&positions(bodies), placed);
@@ -360,7 +360,7 @@ fn step(
             if let Some(particle) = body.system.particles.first_non_finite() {
                 motions = None;
                 body.system.back_to_start();
-                let broken = body.step(placed, dt).err();
+                let broken = body.step(placed, of).err();
                 let of_step = Broken {
                     effect: "step",
                     particle,

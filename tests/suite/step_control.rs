@@ -1,11 +1,13 @@
 //! Frames in which a surface jumps: they are undone and repeated with shorter steps.
 
 use std::f64::consts::TAU;
+use std::ops::ControlFlow;
 
 use nalgebra::Point3;
 use pliant::TriangleMesh;
-use pliant::simulation::Simulation;
+use pliant::progress::Silent;
 use pliant::simulation::checkpoint::{Checkpoint, Fingerprint, save};
+use pliant::simulation::{Simulation, Stepped};
 
 use crate::soft::{Soft, bits, positions, scene, simulation, text};
 
@@ -46,8 +48,12 @@ fn tube() -> TriangleMesh {
     }
 }
 
-/// The tube between a bone at rest and one that turns by 60 degrees in 30 frames.
 fn pulled(steps: u32) -> Simulation {
+    tube_pulled(&format!("substeps = {steps}\n"))
+}
+
+/// The tube between a bone at rest and one that turns by 60 degrees in 30 frames.
+fn tube_pulled(settings: &str) -> Simulation {
     let last = AROUND * (RINGS.len() as u32 - 1);
     let mut tube = Soft::new("tube", tube());
     // Only a part of each end is held.
@@ -59,7 +65,7 @@ fn pulled(steps: u32) -> Simulation {
          centre = ['40 mm', '0 mm', '100 mm']\naxis = [0, 1, 0]\n\
          keys = [{{ frame = 0, angle = '0 deg' }}, {{ frame = 30, angle = '60 deg' }}]\n\
          [effects.stretch]\n[effects.bending]\n[effects.damping]\nrate = '5 1/s'\n\
-         [solver.xpbd]\nsubsteps = {steps}\n"
+         [solver.xpbd]\n{settings}"
     );
     let bodies = [tube];
     simulation(&scene(&text(&bodies, 30, &more)), &bodies)
@@ -140,4 +146,64 @@ fn repeated_frames_are_the_same_bits_with_any_threads_and_after_a_resume() {
     (first..last).for_each(|_| resumed.step_frame());
     all.push(bits(&resumed));
     assert!(all.iter().all(|bits| *bits == all[0]));
+}
+
+#[test]
+fn without_a_number_of_steps_every_frame_converges() {
+    let unconverged = |run: &mut Simulation| {
+        let frames = (0..30).map(|_| {
+            run.step_frame();
+            usize::from(!run.measure()[0].converged)
+        });
+        frames.sum::<usize>()
+    };
+    let mut run = tube_pulled("");
+    assert_eq!(unconverged(&mut run), 0);
+    let notes = run.notes.iter().filter(|n| n.contains("no `substeps`"));
+    assert_eq!(notes.count(), 1, "{:?}", run.notes);
+    // Control: the same number of steps where it is given, and too loose a tolerance.
+    assert!(unconverged(&mut pulled(20)) > 0);
+    let mut loose = tube_pulled("tolerance = 0.5\n");
+    assert_eq!(unconverged(&mut loose), 0);
+    assert!(!loose.notes.iter().any(|n| n.contains("no `substeps`")));
+}
+
+#[test]
+fn steps_that_do_not_lessen_a_residual_are_not_tried_for_ever() {
+    // No number of steps reaches this tolerance.
+    let mut run = tube_pulled("tolerance = 1e-12\n");
+    (0..6).for_each(|_| run.step_frame());
+    assert_eq!((run.frame(), run.bodies[0].stopped.clone()), (6, None));
+    assert!(run.measure().iter().all(|measures| !measures.converged));
+}
+
+#[test]
+fn a_stopped_frame_leaves_everything_as_before() {
+    for settings in ["", "substeps = 1000\n"] {
+        let mut run = tube_pulled(settings);
+        (0..12).for_each(|_| run.step_frame());
+        let (before, notes) = (bits(&run), run.notes.clone());
+        let never = |_: &str, _: usize, _: usize| ControlFlow::Break(());
+        // The progress is asked after some time: an early frame can be done before.
+        let mut stopped = 0;
+        for _ in 0..3 {
+            match run.step_frame_with(&never) {
+                Stepped::Interrupted => {
+                    stopped += 1;
+                    assert_eq!((run.frame(), bits(&run)), (12, before.clone()));
+                    assert_eq!(run.notes, notes);
+                }
+                _ => break,
+            }
+        }
+        let from = run.frame();
+        (from..16).for_each(|_| {
+            assert_eq!(run.step_frame_with(&Silent), Stepped::Done);
+        });
+        let mut straight = tube_pulled(settings);
+        (0..16).for_each(|_| straight.step_frame());
+        assert_eq!(bits(&run), bits(&straight));
+        // Control: frames of so many steps are long enough to be stopped.
+        assert!(settings.is_empty() || stopped > 0);
+    }
 }

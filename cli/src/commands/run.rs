@@ -88,7 +88,7 @@ enum Animation {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
-    let stop = stop_on_interrupt("stopping after this frame");
+    let stop = stop_on_interrupt("stopping");
     arguments.output.threads.start();
     let mut changes = arguments.set.clone();
     changes.extend(arguments.frames.map(|n| format!("frames={n}")));
@@ -229,6 +229,7 @@ fn choose(
         }
     };
     scene.solver = chosen.candidate.solver;
+    scene.adapts_steps = false;
     note(&format!(
         "accuracy {} mm: {}",
         pliant::format::number(chosen.target_m * 1e3),

@@ -32,6 +32,7 @@ impl Fingerprint {
             most_held: _,
             effects,
             solver,
+            adapts_steps,
             // Its results are the solver and the settings.
             accuracy: _,
             origin: _,
@@ -41,6 +42,7 @@ impl Fingerprint {
         print.add("`frame_rate`".to_owned(), frame_rate);
         print.add("`effects`".to_owned(), effects);
         print.add("`solver`".to_owned(), solver);
+        print.add("`substeps`, given or not".to_owned(), adapts_steps);
         print.add("`interface`".to_owned(), interfaces);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
             // Surface and repair determine the mesh.

@@ -66,9 +66,8 @@ impl Scenario for Simulation {
             .collect()
     }
 
-    fn step(&mut self, _: &dyn Progress) -> Stepped {
-        self.step_frame();
-        Stepped::Done
+    fn step(&mut self, progress: &dyn Progress) -> Stepped {
+        self.step_frame_with(progress)
     }
 
     fn is_finished(&self) -> bool {
