@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 use super::audit::RunAudit;
 use super::folder::FolderError;
 use super::frames::{Listing, file_at};
+use super::quality::RunQuality;
 use super::record::{FrameTimes, Record};
 use super::results::severity;
 use super::shots::Shots;
@@ -23,7 +24,7 @@ use pliant::state::{DecodeError, Reader, Writer};
 type Clock = Vec<(String, (f64, u64))>;
 
 /// Accumulated results up to the frame of a checkpoint.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Gathered {
     /// Number of frames between checkpoints.
     pub every: usize,
@@ -33,6 +34,7 @@ pub struct Gathered {
     measures: Vec<Measures>,
     times: Vec<FrameTimes>,
     audit: AuditSummary,
+    pub(super) quality: RunQuality,
 }
 
 /// The bytes of the accumulated results, for [`Gathered::open`].
@@ -40,6 +42,7 @@ pub fn save(
     simulation: &Simulation,
     record: &Record,
     audit: &AuditSummary,
+    quality: &RunQuality,
     every: usize,
     times_s: (f64, f64),
 ) -> Vec<u8> {
@@ -59,6 +62,7 @@ pub fn save(
     writer.list(&record.measures);
     writer.list(&record.times);
     writer.put(audit);
+    quality.save(&mut writer);
     writer.bytes
 }
 
@@ -96,6 +100,7 @@ impl Gathered {
             audit.frames == RunAudit::frames_at(simulation.frame()),
             "an audit of other frames",
         )?;
+        let quality = RunQuality::open(&mut from, simulation)?;
         from.end()?;
         Ok(Self {
             every,
@@ -104,6 +109,7 @@ impl Gathered {
             measures,
             times,
             audit,
+            quality,
         })
     }
 

@@ -20,6 +20,7 @@ pub mod morph;
 pub mod muscles;
 pub mod output;
 pub mod pictures;
+pub mod quality;
 mod plot;
 pub mod record;
 pub mod register;

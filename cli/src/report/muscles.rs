@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::audit::{self, RunAudit};
 use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
+use super::quality::{self, Quality, RunQuality};
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
 use pliant::contact::{Certificate, PartedPair};
@@ -74,6 +75,8 @@ pub struct MuscleSummary {
     pub frames_not_converged: usize,
     /// Number of velocities that were clamped to the limit.
     pub speed_cuts: u64,
+    /// Jitter, snaps, lift-off, thickness and folds.
+    pub quality: Quality,
     /// Place of a stop by a number that is not finite, or by divergence.
     pub stopped: Option<Stopped>,
 }
@@ -110,10 +113,13 @@ pub struct Stopped {
 pub(super) fn output(
     simulation: &Simulation,
     record: Record,
-    audit: &RunAudit,
+    (audit, judged): (&RunAudit, &RunQuality),
     chosen: Option<&Chosen>,
 ) -> RunOutput<'static> {
-    let muscles = summaries(simulation, &record, chosen);
+    let mut muscles = summaries(simulation, &record, chosen);
+    for (muscle, quality) in muscles.iter_mut().zip(judged.of_muscles()) {
+        muscle.quality = quality;
+    }
     let mut verdicts: Vec<Verdict> = chosen.map(verdict_of).into_iter().collect();
     for (m, summary) in muscles.iter().enumerate() {
         verdicts.extend(verdicts_of(simulation, m, summary));
@@ -129,6 +135,13 @@ pub(super) fn output(
     verdicts.push(certified(&simulation.certificate()));
     verdicts.extend(simulation.parted.iter().flat_map(start_verdicts));
     let cuts = simulation.bodies.iter().filter_map(cut);
+    let doubted = muscles.iter().flat_map(|muscle| {
+        let doubts = quality::doubts(&muscle.quality, muscle.length_m);
+        doubts
+            .into_iter()
+            .map(|doubt| format!("{}: {doubt}", muscle.name))
+    });
+    let findings: Vec<String> = doubted.collect();
     let plot = |plot| Plot { file: None, plot };
     let mut tables = shown::tables(&muscles, &record, &solver(&simulation.scene.solver));
     tables.push(audit::table(&audit.summary));
@@ -156,6 +169,7 @@ pub(super) fn output(
             .chain(uncounted)
             .chain([audit.note()])
             .collect(),
+        findings,
         certificate: Some(certificate(&simulation.certificate())),
         start: Some(simulation.parted.iter().map(start).collect()),
         text: shown::text(&muscles),
@@ -338,6 +352,7 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
             .map_or_else(|| body.error_estimate(residual_max_m), |c| c.expected_m),
         frames_not_converged: all.iter().filter(|m| m.frame > 0 && !m.converged).count(),
         speed_cuts: body.system.speed_cuts,
+        quality: Quality::default(),
         stopped,
     }
 }

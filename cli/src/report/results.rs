@@ -9,6 +9,7 @@ use super::folder::{Folder, FolderError};
 use super::frames::Listing;
 use super::gathered::{self, Gathered};
 use super::muscles;
+use super::quality::RunQuality;
 use super::record::Record;
 use super::run::{Finished, Frames, end_unless};
 use super::shots::Shots;
@@ -22,6 +23,7 @@ pub struct Results {
     frames: Frames,
     record: Record,
     audit: RunAudit,
+    quality: RunQuality,
     checkpoints: Option<Checkpoints>,
 }
 
@@ -44,6 +46,7 @@ impl Results {
             frames,
             record: Record::default(),
             audit: RunAudit::new(),
+            quality: RunQuality::default(),
             checkpoints: None,
         }
     }
@@ -66,6 +69,7 @@ impl Results {
     ) -> Result<Self, FolderError> {
         let scene = simulation.description();
         let audit = gathered.audit(simulation, &first);
+        let quality = std::mem::take(&mut gathered.quality);
         let shots = gathered.shots(&scene, simulation, root, first, animate)?;
         let (listing, files) = gathered::listing(&scene, simulation);
         let folder = Folder::resume(root, &files, |file| !animate && file.ends_with(".gif"))?;
@@ -75,6 +79,7 @@ impl Results {
             frames: Frames::start(folder, scene, listing, shots, begun, earlier),
             record: gathered.record(simulation),
             audit,
+            quality,
             checkpoints: None,
         })
     }
@@ -105,6 +110,7 @@ impl Results {
             simulation,
             &self.record,
             &self.audit.summary,
+            &self.quality,
             due.every,
             spent,
         );
@@ -119,6 +125,7 @@ impl Results {
         let before = Instant::now();
         let measures = simulation.measure();
         self.audit.frame(simulation);
+        self.quality.frame(simulation);
         let audit = before.elapsed();
         let severity = severity(&measures);
         self.record.add(simulation, measures, step, audit);
@@ -152,7 +159,9 @@ impl Results {
         chosen: Option<&Chosen>,
     ) -> Result<Finished<'static>, FolderError> {
         self.audit.finish(simulation);
-        let own = muscles::output(simulation, self.record, &self.audit, chosen);
+        self.quality.finish(simulation);
+        let judged = (&self.audit, &self.quality);
+        let own = muscles::output(simulation, self.record, judged, chosen);
         self.frames.finish(simulation, own, ended, settings)
     }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use super::MuscleSummary;
 use crate::report::record::{FrameTimes, Record};
 use crate::report::{LinePlot, Table};
+use pliant::format::number;
 use pliant::simulation::{Measures, Plan};
 
 /// Greatest number of points of a plotted line; a longer run shows the maximum of each few frames.
@@ -104,7 +105,7 @@ fn times(record: &Record) -> LinePlot {
 type Shown = fn(&MuscleSummary) -> String;
 
 /// The rows of the table of muscles.
-const ROWS: [(&str, Shown); 17] = [
+const ROWS: [(&str, Shown); 22] = [
     ("vertices", |m| m.vertices.to_string()),
     ("triangles", |m| m.triangles.to_string()),
     ("vertices held by bones", |m| {
@@ -148,7 +149,27 @@ const ROWS: [(&str, Shown); 17] = [
     ("frames not converged", |m| {
         m.frames_not_converged.to_string()
     }),
+    ("jitter while bones move steadily [mm]", |m| {
+        or_dash(m.quality.jitter_m, 1e3)
+    }),
+    ("greatest speed over that of attachments", |m| {
+        or_dash(m.quality.snap_ratio, 1.0)
+    }),
+    ("lift-off from bone [mm]", |m| {
+        or_dash(m.quality.lift_off_m, 1e3)
+    }),
+    ("least thickness over that at rest", |m| {
+        or_dash(m.quality.thickness_ratio_min, 1.0)
+    }),
+    ("greatest fold [deg]", |m| {
+        or_dash(m.quality.hinge_max_deg, 1.0)
+    }),
 ];
+
+/// A number times `factor`; a dash for one that is not measured.
+fn or_dash(value: Option<f64>, factor: f64) -> String {
+    value.map_or("–".to_owned(), |value| number(value * factor))
+}
 
 /// Tables of the muscles, the times and the solver.
 pub(super) fn tables(muscles: &[MuscleSummary], record: &Record, solver: &str) -> Vec<Table> {

@@ -1,0 +1,550 @@
+//! The motion of a muscle as an anatomist judges it: jitter, snaps, distance from bones, thickness,
+//! folds.
+
+use std::collections::VecDeque;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::Serialize;
+
+use pliant::contact::{Obstacle, Surface};
+use pliant::format::number;
+use pliant::mesh::measures::max_or_nan;
+use pliant::mesh::{Topology, TriangleMesh};
+use pliant::simulation::{Body, Simulation};
+use pliant::state::{DecodeError, Reader, Writer};
+
+/// Number of frames of a mean, odd.
+const WINDOW: usize = 7;
+
+/// What holds a muscle moves steadily if it departs from its own mean by at most this share of its
+/// way in the window: a turn by 0.01 rad a frame departs by 0.003 of it.
+const STEADY: f64 = 0.01;
+
+/// Thickness and distance from bones are measured in every frame with a multiple of this number.
+const EVERY: usize = 10;
+
+/// Vertices lie on a bone that are nearer than this at rest, relative to the length of the muscle:
+/// 4 mm of a muscle of 27 cm.
+const ON_BONE: f64 = 0.015;
+
+/// Share of the vertices on bones that have lifted off less than the given distance.
+const MOST: f64 = 0.95;
+
+/// Share of the vertices whose thickness is above the least one that is compared: rims taper to
+/// nothing at rest.
+const THIN: f64 = 0.01;
+
+/// A ray into the muscle begins at this depth, relative to the median edge.
+const BELOW: f64 = 1e-6;
+
+/// Limit of the jitter, relative to the length of the muscle: 0.1 mm of 25 cm, the width of a line
+/// in a picture of the whole muscle.
+const JITTER: f64 = 4e-4;
+/// Limit of the greatest speed, relative to that of what holds the muscle: a fibre between two
+/// attachments moves no faster than its ends, but for what slides over a bone.
+const SNAP: f64 = 1.5;
+/// Limit of the lift-off, relative to the length of the muscle: 3 mm of 27 cm.
+const LIFT: f64 = 0.011;
+/// Limit of the least thickness, relative to that at rest: a muscle that keeps its volume and is
+/// stretched to twice its length still has 0.7 of it.
+const THICKNESS: f64 = 0.5;
+/// Limit of the angle between the normals of two triangles [deg]: a fold that smooth tissue does
+/// not have.
+const HINGE: f64 = 60.0;
+
+/// The measures of a muscle over a run; `None` for what cannot be measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Quality {
+    /// Greatest distance of a free vertex from its mean over seven frames, beyond that of what holds
+    /// the muscle, in frames in which this moves steadily [m].
+    pub jitter_m: Option<f64>,
+    /// Greatest speed of a free vertex, relative to the greatest one of a vertex that a bone holds.
+    pub snap_ratio: Option<f64>,
+    /// Growth of the distance from the nearest bone that 95 % of the vertices on bones at rest have
+    /// at most, in the worst frame [m]. Vertices with another muscle between do not count.
+    pub lift_off_m: Option<f64>,
+    /// Thickness that 1 % of the free vertices have at most, least over the frames, relative to that
+    /// at rest.
+    pub thickness_ratio_min: Option<f64>,
+    /// Greatest angle between the normals of two triangles with a free vertex [deg], of those that
+    /// are below 60 degrees at rest.
+    pub hinge_max_deg: Option<f64>,
+}
+
+/// The quality of the muscles of a run, gathered frame by frame.
+#[derive(Debug, Default)]
+pub struct RunQuality {
+    muscles: Vec<Watched>,
+    /// The last frame.
+    last: Option<usize>,
+}
+
+/// A muscle.
+#[derive(Debug, Default)]
+struct Watched {
+    /// Hinges that are flat enough at rest.
+    hinges: Vec<[u32; 4]>,
+    /// Free vertices on a bone, with their distances at rest [m].
+    on_bone: Vec<(u32, f64)>,
+    /// Thickness at rest [m].
+    thick: Option<f64>,
+    /// The last positions [m].
+    recent: VecDeque<Vec<Point3<f64>>>,
+    jitter: Option<f64>,
+    /// Greatest motion of a free and of a held vertex in a frame [m].
+    ways: [f64; 2],
+    lift: Option<f64>,
+    thinnest: Option<f64>,
+    hinge: f64,
+}
+
+impl RunQuality {
+    /// Prepares the muscles at rest.
+    fn begin(&mut self, simulation: &Simulation) {
+        self.muscles = simulation.bodies.iter().map(Watched::default_of).collect();
+        let surfaces: Vec<Surface> = simulation.bodies.iter().map(at_rest).collect();
+        for (k, body) in simulation.bodies.iter().enumerate() {
+            let x = &body.rest.vertices;
+            let watched = &mut self.muscles[k];
+            watched.thick = thickness(body, x, &surfaces[k]);
+            let bones = Bones::of(simulation, 0);
+            let free = (0..x.len()).filter(|&v| body.is_free(v));
+            let near = free.filter_map(|v| {
+                let (distance, _) = bones.nearest(&x[v])?;
+                (distance <= ON_BONE * body.length).then_some((v as u32, distance))
+            });
+            watched.on_bone = near.collect();
+        }
+    }
+
+    /// Adds the present frame.
+    pub fn frame(&mut self, simulation: &Simulation) {
+        if self.muscles.is_empty() {
+            self.begin(simulation);
+        }
+        let frame = simulation.frame();
+        for (watched, body) in self.muscles.iter_mut().zip(&simulation.bodies) {
+            if body.stopped.is_none() && !body.rest.triangles.is_empty() {
+                watched.add(body);
+            }
+        }
+        if frame.is_multiple_of(EVERY) {
+            self.examine(simulation);
+        }
+        self.last = Some(frame);
+    }
+
+    /// Examines the last frame if it has not been.
+    pub fn finish(&mut self, simulation: &Simulation) {
+        if self.last.is_some_and(|frame| !frame.is_multiple_of(EVERY)) {
+            self.examine(simulation);
+        }
+    }
+
+    /// Measures thickness and distance from bones.
+    fn examine(&mut self, simulation: &Simulation) {
+        let bodies = &simulation.bodies;
+        let surfaces: Vec<Surface> = bodies.iter().map(now).collect();
+        let bones = Bones::of(simulation, simulation.frame());
+        for (k, (watched, body)) in self.muscles.iter_mut().zip(bodies).enumerate() {
+            if body.stopped.is_some() {
+                continue;
+            }
+            let x = &body.system.particles.position;
+            let thin = thickness(body, x, &surfaces[k]);
+            watched.thinnest = match (watched.thinnest, thin) {
+                (Some(a), Some(b)) => Some(if b >= a { a } else { b }),
+                (a, b) => a.or(b),
+            };
+            let lifted = watched.on_bone.iter().filter_map(|&(v, at_rest)| {
+                let from = &x[v as usize];
+                let (distance, to) = bones.nearest(from)?;
+                let others = surfaces.iter().enumerate().filter(|(other, _)| *other != k);
+                let is_between = |surface: &Surface| is_hit(surface, from, &(to - from));
+                let is_covered = others.into_iter().any(|(_, surface)| is_between(surface));
+                Some(if is_covered { 0.0 } else { distance - at_rest })
+            });
+            if let Some(lift) = quantile(lifted.collect(), MOST) {
+                watched.lift = Some(max_or_nan(watched.lift.into_iter().chain([lift])));
+            }
+        }
+    }
+
+    /// The measures of each muscle.
+    pub fn of_muscles(&self) -> Vec<Quality> {
+        self.muscles.iter().map(Watched::quality).collect()
+    }
+
+    /// Writes what later frames depend on.
+    pub(super) fn save(&self, to: &mut Writer) {
+        to.put(&self.last);
+        for watched in &self.muscles {
+            let recent = watched.recent.iter().flatten();
+            let coordinates: Vec<f64> = recent.flat_map(|p| [p.x, p.y, p.z]).collect();
+            to.put(&watched.recent.len());
+            to.put(&coordinates);
+            to.put(&watched.jitter);
+            to.put(&watched.ways);
+            to.put(&watched.lift);
+            to.put(&watched.thinnest);
+            to.put(&watched.hinge);
+        }
+    }
+
+    /// Reads it for the muscles of `simulation`.
+    ///
+    /// # Errors
+    /// The bytes are damaged, or of other muscles.
+    pub(super) fn open(
+        from: &mut Reader<'_>,
+        simulation: &Simulation,
+    ) -> Result<Self, DecodeError> {
+        let mut all = Self {
+            last: from.take()?,
+            ..Self::default()
+        };
+        if all.last.is_none() {
+            return Ok(all);
+        }
+        all.begin(simulation);
+        for (watched, body) in all.muscles.iter_mut().zip(&simulation.bodies) {
+            let frames: usize = from.take()?;
+            let coordinates: Vec<f64> = from.take()?;
+            let count = body.rest.vertices.len();
+            let is_whole = frames <= WINDOW && coordinates.len() == 3 * frames * count;
+            from.check(is_whole, "positions of another muscle")?;
+            let points: Vec<Point3<f64>> = coordinates
+                .chunks_exact(3)
+                .map(|p| Point3::new(p[0], p[1], p[2]))
+                .collect();
+            watched.recent = points.chunks(count.max(1)).map(<[_]>::to_vec).collect();
+            watched.jitter = from.take()?;
+            watched.ways = from.take()?;
+            watched.lift = from.take()?;
+            watched.thinnest = from.take()?;
+            watched.hinge = from.take()?;
+        }
+        Ok(all)
+    }
+}
+
+impl Watched {
+    fn default_of(body: &Body) -> Self {
+        let topology = Topology::new(&body.rest);
+        let x = &body.rest.vertices;
+        let is_watched = |hinge: &[u32; 4]| {
+            hinge.iter().any(|&v| body.is_free(v as usize)) && fold(x, *hinge) < HINGE
+        };
+        Self {
+            hinges: topology.hinges.iter().copied().filter(is_watched).collect(),
+            ..Self::default()
+        }
+    }
+
+    /// Adds a frame.
+    fn add(&mut self, body: &Body) {
+        let x = &body.system.particles.position;
+        if let Some(before) = self.recent.back() {
+            for (v, (x, before)) in x.iter().zip(before).enumerate() {
+                let way = &mut self.ways[usize::from(!body.is_free(v))];
+                *way = max_or_nan([*way, (x - before).norm()]);
+            }
+        }
+        let folds = self.hinges.iter().map(|hinge| fold(x, *hinge));
+        self.hinge = max_or_nan(folds.chain([self.hinge]));
+        self.recent.push_back(x.clone());
+        if self.recent.len() > WINDOW {
+            self.recent.pop_front();
+        }
+        if self.recent.len() == WINDOW {
+            self.add_window(body);
+        }
+    }
+
+    /// Compares the middle of the window with its mean.
+    fn add_window(&mut self, body: &Body) {
+        let (mut away, mut way) = ([0.0_f64; 2], 0.0_f64);
+        for v in 0..body.rest.vertices.len() {
+            let held = usize::from(!body.is_free(v));
+            let sum: Vector3<f64> = self.recent.iter().map(|x| x[v].coords).sum();
+            let middle = self.recent[WINDOW / 2][v].coords;
+            let by = (middle - sum / WINDOW as f64).norm();
+            away[held] = max_or_nan([away[held], by]);
+            if held == 1 {
+                let through = self.recent[WINDOW - 1][v] - self.recent[0][v];
+                way = way.max(through.norm());
+            }
+        }
+        let [free, held] = away;
+        let is_held = body
+            .attached
+            .iter()
+            .any(|(v, _)| !body.is_free(*v as usize));
+        if is_held && held <= STEADY * way {
+            let jitter = (free - held).max(0.0);
+            self.jitter = Some(max_or_nan(self.jitter.into_iter().chain([jitter])));
+        }
+    }
+
+    fn quality(&self) -> Quality {
+        let [free, held] = self.ways;
+        let ratio = |a: f64, b: f64| (b > 0.0).then(|| a / b);
+        Quality {
+            jitter_m: self.jitter,
+            snap_ratio: ratio(free, held),
+            lift_off_m: self.lift,
+            thickness_ratio_min: self.thinnest.zip(self.thick).and_then(|(a, b)| ratio(a, b)),
+            hinge_max_deg: (!self.hinges.is_empty()).then_some(self.hinge),
+        }
+    }
+}
+
+/// The bones at a frame.
+struct Bones<'a>(Vec<(&'a Surface, Isometry3<f64>)>);
+
+impl<'a> Bones<'a> {
+    fn of(simulation: &'a Simulation, frame: usize) -> Self {
+        let bones = 0..simulation.bones.len();
+        Self(
+            bones
+                .map(|b| (simulation.surface(b), simulation.pose(b, frame as f64)))
+                .collect(),
+        )
+    }
+
+    /// The distance of a point from the nearest bone, and the point there [m].
+    fn nearest(&self, point: &Point3<f64>) -> Option<(f64, Point3<f64>)> {
+        let each = self.0.iter().filter_map(|(surface, pose)| {
+            let found = surface.closest(&pose.inverse_transform_point(point))?;
+            Some((found.distance, pose * found.point))
+        });
+        each.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+fn at_rest(body: &Body) -> Surface {
+    Surface::new(&body.rest)
+}
+
+fn now(body: &Body) -> Surface {
+    Surface::new(&TriangleMesh {
+        vertices: body.system.particles.position.clone(),
+        triangles: body.rest.triangles.clone(),
+    })
+}
+
+/// True if a surface lies between a point and the end of a way.
+fn is_hit(surface: &Surface, from: &Point3<f64>, way: &Vector3<f64>) -> bool {
+    let length = way.norm();
+    length > 0.0
+        && surface
+            .first_hit(from, &(way / length))
+            .is_some_and(|(triangle, weights)| {
+                (place(surface, triangle, weights) - from).norm() < length
+            })
+}
+
+/// A point of a surface.
+fn place(surface: &Surface, triangle: u32, weights: [f64; 3]) -> Point3<f64> {
+    let corners = surface.triangles()[triangle as usize];
+    let each = corners.iter().zip(weights);
+    let sum = each.map(|(&v, w)| surface.positions()[v as usize].coords * w);
+    Point3::from(sum.sum::<Vector3<f64>>())
+}
+
+/// The thickness that a small share of the free vertices has at most [m]: the way from a vertex to
+/// the opposite side, against its normal. `None` for a surface that encloses nothing.
+fn thickness(body: &Body, x: &[Point3<f64>], surface: &Surface) -> Option<f64> {
+    if !(body.rest_volume > 0.0) {
+        return None;
+    }
+    let mesh = TriangleMesh {
+        vertices: x.to_vec(),
+        triangles: body.rest.triangles.clone(),
+    };
+    let normals = mesh.vertex_normals();
+    let free = (0..x.len()).filter(|&v| body.is_free(v));
+    let ways = free.filter_map(|v| {
+        let inwards = -normals[v].try_normalize(0.0)?;
+        let from = x[v] + inwards * (BELOW * body.edge_length);
+        let (triangle, weights) = surface.first_hit(&from, &inwards)?;
+        Some((place(surface, triangle, weights) - x[v]).norm())
+    });
+    quantile(ways.collect(), THIN)
+}
+
+/// The number that a share of all numbers does not exceed.
+fn quantile(mut all: Vec<f64>, share: f64) -> Option<f64> {
+    let last = all.len().checked_sub(1)?;
+    all.sort_unstable_by(f64::total_cmp);
+    Some(all[(share * last as f64).round() as usize])
+}
+
+/// The angle between the normals of the two triangles of a hinge [deg]. Its edge is `[p1, p2]`.
+fn fold(x: &[Point3<f64>], [p1, p2, p3, p4]: [u32; 4]) -> f64 {
+    let [p1, p2, p3, p4] = [p1, p2, p3, p4].map(|v| x[v as usize]);
+    let first = (p2 - p1).cross(&(p3 - p1));
+    let second = (p4 - p1).cross(&(p2 - p1));
+    first.angle(&second).to_degrees()
+}
+
+/// What an anatomist would not believe in the motion of a muscle of this length [m], in words.
+pub(super) fn doubts(quality: &Quality, length: f64) -> Vec<String> {
+    let Quality {
+        jitter_m,
+        snap_ratio,
+        lift_off_m,
+        thickness_ratio_min,
+        hinge_max_deg,
+    } = *quality;
+    let mut all = Vec::new();
+    let mut above = |value: Option<f64>, limit: f64, words: &dyn Fn(f64) -> String| {
+        // NaN is doubtful.
+        if let Some(value) = value.filter(|value| !(*value <= limit)) {
+            all.push(words(value));
+        }
+    };
+    let mm = |metres: f64| number(metres * 1e3);
+    let (jitter, lift) = (JITTER * length, LIFT * length);
+    above(jitter_m, jitter, &|value| {
+        let (value, limit) = (mm(value), mm(jitter));
+        format!("it jitters by {value} mm while the bones move steadily (believable: {limit} mm)")
+    });
+    above(snap_ratio, SNAP, &|value| {
+        let value = number(value);
+        format!("it snaps at {value} times the speed of its attachments (believable: {SNAP})")
+    });
+    above(lift_off_m, lift, &|value| {
+        let (value, limit) = (mm(value), mm(lift));
+        format!("it lifts off bone by {value} mm (believable: {limit} mm)")
+    });
+    above(thickness_ratio_min.map(|t| -t), -THICKNESS, &|value| {
+        let value = number(-value);
+        format!("its least thickness falls to {value} of that at rest (believable: {THICKNESS})")
+    });
+    above(hinge_max_deg, HINGE, &|value| {
+        let value = number(value);
+        format!("it folds by {value} degrees (believable: {HINGE})")
+    });
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::scene::builtin::load;
+
+    /// A cube on a table, of which frames are given instead of computed.
+    fn cube() -> Simulation {
+        Simulation::new(load("cube", &[]).expect("a scene")).expect("a simulation")
+    }
+
+    /// The quality after frames at the places of `at`: body, frame and vertex give a position.
+    fn after(frames: usize, at: impl Fn(&Body, usize, usize) -> Point3<f64>) -> Quality {
+        let mut simulation = cube();
+        let mut quality = RunQuality::default();
+        quality.frame(&simulation);
+        for frame in 1..=frames {
+            let body = &simulation.bodies[0];
+            let x = (0..body.rest.vertices.len()).map(|v| at(body, frame, v));
+            simulation.bodies[0].system.particles.position = x.collect();
+            quality.frame(&simulation);
+        }
+        // Frame 0 of the simulation is a multiple of ten: every given frame was examined.
+        quality.of_muscles()[0]
+    }
+
+    fn rest(body: &Body, v: usize) -> Point3<f64> {
+        body.rest.vertices[v]
+    }
+
+    fn is_near(value: Option<f64>, expected: f64, tolerance: f64) -> bool {
+        value.is_some_and(|value| (value - expected).abs() <= tolerance)
+    }
+
+    #[test]
+    fn a_steady_motion_of_the_whole_muscle_is_believed() {
+        let step = Vector3::new(1e-3, -2e-3, 0.5e-3);
+        let quality = after(9, |body, frame, v| rest(body, v) + step * frame as f64);
+        assert!(is_near(quality.jitter_m, 0.0, 1e-12), "{quality:?}");
+        assert!(is_near(quality.snap_ratio, 1.0, 1e-9), "{quality:?}");
+        assert!(
+            is_near(quality.thickness_ratio_min, 1.0, 1e-6),
+            "{quality:?}"
+        );
+        let still = after(9, |body, _, v| rest(body, v));
+        // Without motion there is no speed to compare.
+        assert_eq!((still.snap_ratio, still.lift_off_m), (None, Some(0.0)));
+        assert_eq!(doubts(&still, 0.2), Vec::<String>::new());
+    }
+
+    #[test]
+    fn each_fault_has_its_own_measure() {
+        let free = |body: &Body| (0..body.rest.vertices.len()).find(|&v| body.is_free(v));
+        let one = free(&cube().bodies[0]).expect("a free vertex");
+        let shaken = |by: f64, only: Option<usize>| {
+            after(9, move |body, frame, v| {
+                let way = Vector3::new(1e-3 * frame as f64, 0.0, 0.0);
+                let is_here = body.is_free(v) && only.is_none_or(|only| only == v);
+                let shake = if frame == 5 && is_here { by } else { 0.0 };
+                rest(body, v) + way + Vector3::new(0.0, 0.0, shake)
+            })
+        };
+        // Six sevenths of a deviation in the middle of seven frames.
+        let jitter = shaken(0.7e-3, Some(one));
+        assert!(is_near(jitter.jitter_m, 0.6e-3, 1e-9), "{jitter:?}");
+        let snapped = shaken(3e-3, None);
+        assert!(
+            is_near(snapped.snap_ratio, 10.0_f64.sqrt(), 1e-6),
+            "{snapped:?}"
+        );
+        // All free vertices leave the middle by a centimetre.
+        let lifted = after(1, |body, _, v| {
+            let out = if body.is_free(v) { 0.01 } else { 0.0 };
+            let normal = body.rest.surface_centroid().expect("a surface");
+            rest(body, v) + (rest(body, v) - normal).normalize() * out
+        });
+        assert!(lifted.lift_off_m > Some(1e-3), "{lifted:?}");
+        assert!(lifted.hinge_max_deg > Some(HINGE), "{lifted:?}");
+        // A muscle that is pressed flat along each of its axes loses thickness.
+        let thin = after(1, |body, _, v| {
+            let centre = body.rest.surface_centroid().expect("a surface");
+            centre + (rest(body, v) - centre) * 0.3
+        });
+        assert!(is_near(thin.thickness_ratio_min, 0.3, 1e-6), "{thin:?}");
+        let doubted = doubts(&shaken(3e-3, Some(one)), 0.2);
+        let says = |words: &str| doubted.iter().any(|doubt| doubt.contains(words));
+        assert!(says("jitters") && says("snaps"), "{doubted:?}");
+        let nan = Quality {
+            jitter_m: Some(f64::NAN),
+            ..Quality::default()
+        };
+        assert_eq!(doubts(&nan, 0.2).len(), 1);
+    }
+
+    #[test]
+    fn a_resumed_run_has_the_same_quality() {
+        let mut simulation = cube();
+        let mut straight = RunQuality::default();
+        straight.frame(&simulation);
+        let mut resumed = None;
+        for frame in 1..=12 {
+            simulation.step_frame();
+            straight.frame(&simulation);
+            let mut bytes = Writer::default();
+            match &mut resumed {
+                None if frame == 5 => {
+                    straight.save(&mut bytes);
+                    let read = RunQuality::open(&mut Reader::new(&bytes.bytes), &simulation);
+                    resumed = Some(read.expect("the same muscles"));
+                }
+                None => {}
+                Some(resumed) => resumed.frame(&simulation),
+            }
+        }
+        let resumed = resumed.expect("resumed in frame 5");
+        assert_eq!(straight.of_muscles(), resumed.of_muscles());
+        let bytes = Writer::default().bytes;
+        assert!(RunQuality::open(&mut Reader::new(&bytes), &simulation).is_err());
+    }
+}
