@@ -1,5 +1,6 @@
 //! Attached vertices of a muscle, with their bones.
 
+use super::Simulation;
 use crate::contact::Projection;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::{NONE, Topology};
@@ -68,6 +69,45 @@ pub fn join(choices: &[(usize, Vec<u32>)]) -> Vec<Attached> {
     }
     all.sort_unstable();
     all
+}
+
+/// Number of frames at which the motion of bones is looked at.
+const LOOKED_AT: usize = 1000;
+
+impl Simulation {
+    /// The edges of a body whose two ends different bones hold: their number, the greatest length
+    /// that the motion of the bones gives one of them, relative to that at rest, and the two bones
+    /// there. No constraint can shorten such an edge. `None` without one.
+    pub fn held_apart(&self, body: usize) -> Option<(usize, f64, [usize; 2])> {
+        let body = &self.bodies[body];
+        let mut bone = vec![None; body.rest.vertices.len()];
+        for &(vertex, of) in &body.attached {
+            bone[vertex as usize] = Some(of);
+        }
+        let between = body.edges.iter().filter_map(|edge| {
+            let [a, b] = edge.points.map(|v| bone[v as usize]);
+            let bones = [a?, b?];
+            (bones[0] != bones[1]).then_some((edge, bones))
+        });
+        let between: Vec<_> = between.collect();
+        let frames = self.scene.frames;
+        let looked_at = (0..frames).step_by(frames / LOOKED_AT + 1).chain([frames]);
+        let mut most: Option<(f64, [usize; 2])> = None;
+        for frame in looked_at {
+            let moved: Vec<_> = (0..self.bones.len())
+                .map(|b| self.pose(b, frame as f64) * self.pose(b, 0.0).inverse())
+                .collect();
+            for &(edge, bones) in &between {
+                let [a, b] =
+                    [0, 1].map(|k| moved[bones[k]] * body.rest.vertices[edge.points[k] as usize]);
+                let length = (a - b).norm() / edge.rest;
+                if most.is_none_or(|(most, _)| !(length <= most)) {
+                    most = Some((length, bones));
+                }
+            }
+        }
+        most.map(|(length, bones)| (between.len(), length, bones))
+    }
 }
 
 #[cfg(test)]

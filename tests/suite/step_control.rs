@@ -3,8 +3,9 @@
 use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use pliant::TriangleMesh;
+use pliant::mesh::shapes::icosphere;
 use pliant::progress::Silent;
 use pliant::simulation::checkpoint::{Checkpoint, Fingerprint, save};
 use pliant::simulation::{Simulation, Stepped};
@@ -206,4 +207,38 @@ fn a_stopped_frame_leaves_everything_as_before() {
         // Control: frames of so many steps are long enough to be stopped.
         assert!(settings.is_empty() || stopped > 0);
     }
+}
+
+#[test]
+fn an_edge_that_two_bones_hold_is_told_with_its_greatest_length() {
+    let run = pulled(20);
+    // The ends of the tube are ten centimetres apart.
+    assert_eq!(run.held_apart(0), None);
+    let ball = icosphere(0.05, 1);
+    let edge = first_edge(&ball);
+    let mut soft = Soft::new("ball", ball);
+    soft.held = vec![edge[0]];
+    let more = format!(
+        "[[muscle.attachment]]\nbone = 'moving'\nlimit = '100 %'\nvertices = [{}]\n\
+         [[bone]]\nname = 'moving'\nshape = 'press-plate'\n[bone.motion]\n\
+         keys = [{{ frame = 0 }}, {{ frame = 30, translation = ['0 m', '-9 m', '0 m'] }}]\n\
+         [effects.stretch]\n",
+        edge[1]
+    );
+    let bodies = [soft];
+    let run = simulation(&scene(&text(&bodies, 30, &more)), &bodies);
+    let [a, b] = edge.map(|v| bodies[0].mesh.vertices[v as usize]);
+    let expected = (a - b + Vector3::new(0.0, 9.0, 0.0)).norm() / (a - b).norm();
+    let (edges, length, bones) = run.held_apart(0).expect("an edge");
+    assert!(
+        edges == 1 && (length / expected - 1.0).abs() <= 1e-12,
+        "{length} {expected}"
+    );
+    assert_eq!(bones, if edge[0] < edge[1] { [0, 1] } else { [1, 0] });
+}
+
+/// The first edge of a mesh.
+fn first_edge(mesh: &TriangleMesh) -> [u32; 2] {
+    let [a, b, _] = mesh.triangles[0];
+    [a, b]
 }

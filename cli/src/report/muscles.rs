@@ -363,6 +363,11 @@ const SEE_AUDIT: &str = "`audit.pairs` in summary.json names all pairs";
 /// Advice for a muscle whose steps are too long.
 const MORE_SUBSTEPS: &str = "use more substeps, or `[solver.quasi_static]`";
 
+/// Greatest length of an edge whose ends two bones hold, relative to that at rest: tissue that is
+/// longer tears.
+const APART: f64 = 2.0;
+const HOLD_FEWER: &str = "two bones tear the muscle apart: hold fewer vertices (`limit`, `near`, `within`), or by patches that do not meet";
+
 /// The checks of a muscle of this scene.
 fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verdict> {
     let (scene, plan) = (&simulation.scene, &simulation.plan.muscles[m]);
@@ -385,6 +390,16 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
         let volume = Verdict::at_most("relative volume error", s.volume_error_max, VOLUME_HELD);
         say(volume.else_do(MORE_SUBSTEPS));
     }
+    if let Some((edges, length, bones)) = simulation.held_apart(m) {
+        let [one, other] = bones.map(|bone| scene.bones[bone].name.as_str());
+        let name = "greatest length of an edge between attachments, relative to that at rest";
+        let apart = Verdict::at_most(name, length, APART).else_do(HOLD_FEWER);
+        all.push(apart.at(format!(
+            "{}, {edges} edges, between {one} and {other}",
+            s.name
+        )));
+    }
+    let mut say = |verdict: Verdict| all.push(verdict.at(s.name.as_str()));
     if !plan.obstacles.is_empty() {
         let deep = Verdict::none(
             "vertices deeper than 0.01 mm in a bone",
