@@ -48,6 +48,8 @@ pub struct MuscleSummary {
     pub edge_stretch_rms_worst: f64,
     /// The worst frame.
     pub worst_frame: usize,
+    /// Greatest absolute strain of an edge in any frame.
+    pub edge_stretch_max: f64,
     /// Greatest depth of a free vertex in a bone [m].
     pub penetration_max_m: f64,
     /// Greatest number of free vertices deeper than 0.01 mm in bones.
@@ -337,6 +339,7 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         edge_stretch_rms_end: end(|m| m.edge_stretch_rms),
         edge_stretch_rms_worst: worst.map_or(0.0, |m| m.edge_stretch_rms),
         worst_frame: worst.map_or(0, |m| m.frame),
+        edge_stretch_max: max_or_nan(all.iter().map(|m| m.edge_stretch_max)),
         penetration_max_m: max_or_nan(all.iter().map(|m| m.penetration_m)),
         vertices_inside_bones_max: most(|m| m.vertices_inside_bones),
         bone_vertices_inside_max: most(|m| m.bone_vertices_inside),
@@ -366,7 +369,10 @@ const MORE_SUBSTEPS: &str = "use more substeps, or `[solver.quasi_static]`";
 /// Greatest length of an edge whose ends two bones hold, relative to that at rest: tissue that is
 /// longer tears.
 const APART: f64 = 2.0;
-const HOLD_FEWER: &str = "two bones tear the muscle apart: hold fewer vertices (`limit`, `near`, `within`), or by patches that do not meet";
+/// Greatest strain of an edge: the built-in press, which closes to a tenth, reaches 2.8.
+const TORN: f64 = 4.0;
+const HOLD_FEWER: &str = "if two bones hold vertices near each other, hold fewer (`limit`, `near`, `within`), or by patches that \
+                          do not meet";
 
 /// The checks of a muscle of this scene.
 fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verdict> {
@@ -389,6 +395,11 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
     {
         let volume = Verdict::at_most("relative volume error", s.volume_error_max, VOLUME_HELD);
         say(volume.else_do(MORE_SUBSTEPS));
+    }
+    if plan.runs("stretch") {
+        let name = "greatest strain of an edge";
+        let strain = Verdict::at_most(name, s.edge_stretch_max, TORN);
+        say(strain.else_do(HOLD_FEWER));
     }
     if let Some((edges, length, bones)) = simulation.held_apart(m) {
         let [one, other] = bones.map(|bone| scene.bones[bone].name.as_str());
