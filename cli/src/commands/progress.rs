@@ -3,7 +3,7 @@
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -17,8 +17,8 @@ use pliant::springs::StepRecord;
 /// Number of frames of muscles between two lines on a pipe.
 const LINE_EVERY: usize = 50;
 
-/// Time between any other two lines on a pipe [s].
-const SECONDS_BETWEEN: f64 = 5.0;
+/// Time between two other lines on a pipe [s].
+const SECONDS_BETWEEN: f64 = 1.0;
 
 /// Shows the progress of a computation on standard error.
 pub(super) struct Bar {
@@ -70,10 +70,12 @@ impl Bar {
 
     /// Reports a completed frame of muscles.
     pub(super) fn muscles(&self, frame: usize, took: Duration, measures: &[Measures]) {
+        restart(&self.last);
         let due = frame.is_multiple_of(LINE_EVERY) || frame == self.steps;
-        if self.bar.is_none() && !due {
+        if self.bar.is_none() && !due && !self.is_silent() {
             return;
         }
+        restart(&self.said);
         let volume = max_or_nan(measures.iter().map(|m| m.volume_error.abs()));
         let inside: usize = measures
             .iter()
@@ -90,7 +92,19 @@ impl Bar {
         }
     }
 
-    /// Removes the bar.
+    /// Reports that the frame after this one is being computed.
+    pub(super) fn waits(&self, frame: usize) {
+        let seconds = lock(&self.last).elapsed().as_secs_f64();
+        match &self.bar {
+            Some(bar) => bar.tick(),
+            None if seconds < SECONDS_BETWEEN => {}
+            None => self.now_and_then(|| {
+                format!("frame {}/{}  {seconds:.0} s so far", frame + 1, self.steps)
+            }),
+        }
+    }
+
+    /// Reports a completed step of a run to rest.
     pub(super) fn step(&self, record: &StepRecord) {
         let text = || {
             format!(
@@ -110,7 +124,7 @@ impl Bar {
         }
     }
 
-    /// Removes the bar.
+    /// Reports a completed part.
     pub(super) fn part(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.set_message(text.to_owned()),
@@ -156,11 +170,15 @@ impl Bar {
     }
 
     fn now_and_then(&self, text: impl FnOnce() -> String) {
-        let last = *self.said.lock().unwrap_or_else(PoisonError::into_inner);
-        if last.elapsed().as_secs_f64() >= SECONDS_BETWEEN {
+        if self.is_silent() {
             restart(&self.said);
             note(&text());
         }
+    }
+
+    /// True if the last line on a pipe was some time ago.
+    fn is_silent(&self) -> bool {
+        lock(&self.said).elapsed().as_secs_f64() >= SECONDS_BETWEEN
     }
 
     /// Removes the bar.
@@ -173,8 +191,11 @@ impl Bar {
 
 /// Sets a clock to the present time. Returns the time since it was last set.
 fn restart(clock: &Mutex<Instant>) -> Duration {
-    let mut clock = clock.lock().unwrap_or_else(PoisonError::into_inner);
-    std::mem::replace(&mut *clock, Instant::now()).elapsed()
+    std::mem::replace(&mut *lock(clock), Instant::now()).elapsed()
+}
+
+fn lock(clock: &Mutex<Instant>) -> MutexGuard<'_, Instant> {
+    clock.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A bar over the frames of a run that Ctrl-C can stop.

@@ -4,6 +4,7 @@ mod staged;
 
 pub(super) use staged::Job;
 
+use std::cell::Cell;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -246,13 +247,18 @@ fn advance(
     stop: &AtomicBool,
     chosen: Option<&Chosen>,
 ) -> Result<Finished<'static>, Failure> {
-    let mut shown = Shown {
-        results,
-        bar: Bar::of_frames(simulation.scene.frames),
+    let bar = Bar::of_frames(simulation.scene.frames);
+    let mut shown = Shown { results, bar: &bar };
+    let frame = Cell::new(simulation.frame());
+    let until_raised = |_: &str, done: usize, of: usize| {
+        match of {
+            0 => bar.waits(frame.get()),
+            _ => frame.set(done),
+        }
+        if_raised(stop)
     };
-    let until_raised = |_: &str, _: usize, _: usize| if_raised(stop);
     let ended = simulation::run(simulation, &mut [&mut shown], &until_raised);
-    let Shown { mut results, bar } = shown;
+    let Shown { mut results, .. } = shown;
     // The error of a failed writer is reported at the end.
     let _ = results.checkpoint(simulation, true);
     bar.end();
@@ -260,12 +266,12 @@ fn advance(
 }
 
 /// Collects results, and shows the measures of each frame in a bar.
-struct Shown {
+struct Shown<'a> {
     results: Results,
-    bar: Bar,
+    bar: &'a Bar,
 }
 
-impl Observer<Simulation> for Shown {
+impl Observer<Simulation> for Shown<'_> {
     fn start(&mut self, simulation: &Simulation) -> ControlFlow<()> {
         self.results.start(simulation)
     }
