@@ -219,22 +219,28 @@ impl Simulation {
         let asked = AtomicBool::new(false);
         let (held, dropped) = mpsc::channel::<()>();
         let done = thread::scope(|scope| {
-            let worker = scope.spawn(|| {
+            let worker = thread::Builder::new().spawn_scoped(scope, || {
                 // Dropped at the end, after a panic as well.
                 let _held = held;
                 self.frame_unless(Stop(Some(&asked)))
             });
+            let worker = worker.ok()?;
             while dropped.recv_timeout(ASKED_EVERY) == Err(RecvTimeoutError::Timeout) {
                 if progress.is_stopped() {
                     asked.store(true, Ordering::Relaxed);
                 }
             }
-            worker.join()
+            Some(worker.join())
         });
         match done {
-            Ok(true) => Stepped::Done,
-            Ok(false) => Stepped::Interrupted,
-            Err(panic) => std::panic::resume_unwind(panic),
+            Some(Ok(true)) => Stepped::Done,
+            Some(Ok(false)) => Stepped::Interrupted,
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
+            // The system has no thread left.
+            None => {
+                self.step_frame();
+                Stepped::Done
+            }
         }
     }
 
