@@ -218,7 +218,7 @@ fn closed_to(share: f64) -> (usize, u64, bool, f64) {
         run.step_frame();
         let found = crossings(&run).all;
         open = run.certificate().open;
-        // A stop is told as open pairs are.
+        // The report names a stop, as it counts open pairs.
         assert!(
             found == 0 || open > 0 || run.bodies[0].stopped.is_some(),
             "crossed silently at frame {}",

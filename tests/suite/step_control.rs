@@ -210,7 +210,7 @@ fn a_stopped_frame_leaves_everything_as_before() {
 }
 
 #[test]
-fn an_edge_that_two_bones_hold_is_told_with_its_greatest_length() {
+fn an_edge_that_two_bones_hold_has_its_greatest_length() {
     let run = pulled(20);
     // The ends of the tube are ten centimetres apart.
     assert_eq!(run.held_apart(0), None);
