@@ -266,6 +266,7 @@ impl Simulation {
             self.save(&mut start);
             start.bytes
         });
+        self.control.begin_frame();
         let (mut first, had_refined) = (None, self.control.has_refined());
         loop {
             let is_last_try = !can_jump || self.control.is_shortest();

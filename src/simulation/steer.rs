@@ -19,7 +19,7 @@ impl Simulation {
     /// A muscle with another number of vertices stays at its start.
     pub fn continue_from(&mut self, other: &Self) {
         self.frame = other.frame;
-        self.control = other.control;
+        self.control = other.control.taken_over(&self.control);
         self.notes.clone_from(&other.notes);
         for (placed, there) in self.placed.iter_mut().zip(&other.placed) {
             (placed.before, placed.now) = (there.before, there.now);

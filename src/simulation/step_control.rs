@@ -34,8 +34,8 @@ const MOST_ADAPTED: u32 = 64;
 /// Number of calm frames after which steps become longer again.
 const CALM: u32 = 8;
 
-/// Twice as many steps lessen a residual at least to this share, or are in vain: where steps are
-/// what it comes from, they bring it to a quarter.
+/// Twice as many steps bring a residual below this share of itself, or they do not help: they bring an
+/// error of the steps to a quarter.
 const LESS: f64 = 0.7;
 
 /// A residual that shorter steps did not lessen is accepted up to this multiple of it.
@@ -56,10 +56,10 @@ pub(super) struct StepControl {
     /// Number of frames that were repeated for a jump, and for their residual.
     repeated: u64,
     refined: u64,
-    /// The residual of the last try of the present frame, and the greatest one that is accepted,
-    /// relative to the tolerance.
-    tried: f64,
+    /// The greatest residual that is accepted, relative to the tolerance, and that of the last try of
+    /// the present frame.
     accepted: f64,
+    tried: f64,
 }
 
 impl StepControl {
@@ -74,6 +74,21 @@ impl StepControl {
             tried: f64::INFINITY,
             accepted: 1.0,
         }
+    }
+
+    /// The same for a scene that takes over from another one.
+    #[must_use]
+    pub fn taken_over(&self, by: &Self) -> Self {
+        Self {
+            factor: self.factor.min(by.most),
+            most: by.most,
+            ..*self
+        }
+    }
+
+    /// Begins a frame.
+    pub fn begin_frame(&mut self) {
+        self.tried = f64::INFINITY;
     }
 
     /// Greatest number of steps of a frame, relative to that at the start.
@@ -131,7 +146,6 @@ impl StepControl {
 
     /// Notes a frame without a jump, with its residual relative to the tolerance.
     pub fn note_calm(&mut self, residual: f64) {
-        self.tried = f64::INFINITY;
         if residual <= 1.0 {
             self.accepted = 1.0;
         }
@@ -154,14 +168,15 @@ impl State for StepControl {
             calm,
             repeated,
             refined,
-            tried,
             accepted,
+            // Each frame begins without one.
+            tried: _,
         } = self;
         to.put(factor);
         to.put(calm);
         to.put(repeated);
         to.put(refined);
-        to.put(&(*tried, *accepted));
+        to.put(accepted);
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
@@ -170,9 +185,9 @@ impl State for StepControl {
             calm: from.take()?,
             repeated: from.take()?,
             refined: from.take()?,
+            accepted: from.take()?,
             ..*self
         };
-        (self.tried, self.accepted) = from.take()?;
         let is_sound = self.factor.is_power_of_two() && self.factor <= self.most;
         from.check(is_sound, "a number of steps that no frame takes")
     }

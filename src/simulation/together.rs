@@ -273,6 +273,13 @@ impl Group {
             settle(meeting, bodies, last, of.dt, SETTLED * of.thickness);
         }
         meeting.note_gaps();
+        // A muscle that goes back to the frame before is not kept in order with what moved on.
+        let stops = bodies.iter().filter_map(|body| body.stopped.as_ref());
+        let stopped = stops.filter(|(frame, _)| *frame == of.frame).count();
+        meeting.count(&Certificate {
+            open: stopped as u64,
+            ..Certificate::default()
+        });
         for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
             body.good.clone_from(&body.system.particles);
         }

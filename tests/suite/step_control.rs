@@ -204,7 +204,7 @@ fn a_stopped_frame_leaves_everything_as_before() {
         let mut straight = tube_pulled(settings);
         (0..16).for_each(|_| straight.step_frame());
         assert_eq!(bits(&run), bits(&straight));
-        // Control: frames of so many steps are long enough to be stopped.
+        // Control: frames of a thousand steps are long enough for a stop.
         assert!(settings.is_empty() || stopped > 0);
     }
 }

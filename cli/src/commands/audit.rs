@@ -36,8 +36,8 @@ file is found from its content.
 A crossing is a pair of triangles that share a point, by exact predicates. Triangles that share a corner or an edge cross
 only if they also share another point. Pairs of rigid surfaces are not tested. Vertices inside are found by exact winding
 numbers, which need closed surfaces. Files do not say which vertices bones hold, so that vertices inside bones are held
-ones as well. Changes of volume are not judged in a folder of `pliant run` whose scene lets volumes change. Surfaces are soft, except those of --rigid and those with a name that begins with bone_ or obstacle_, as
-`pliant run` names them.
+ones as well. Changes of volume are not judged in a folder of `pliant run` whose scene lets volumes change. Surfaces are
+soft, except those of --rigid and those with a name that begins with bone_ or obstacle_, as `pliant run` names them.
 
 Exit codes: 0 nothing crosses, nothing is inside, volumes are held; 1 otherwise, or a coordinate is not finite; 2 a file
 cannot be read, or the usage is wrong; 130 after Ctrl-C.")]

@@ -153,7 +153,8 @@ impl RunQuality {
             let x = &body.system.particles.position;
             let thin = thickness(body, x, &surfaces[k]);
             watched.thinnest = match (watched.thinnest, thin) {
-                (Some(a), Some(b)) => Some(if b >= a { a } else { b }),
+                // NaN stays.
+                (Some(a), Some(b)) => Some(if a <= b || a.is_nan() { a } else { b }),
                 (a, b) => a.or(b),
             };
             let lifted = watched.on_bone.iter().filter_map(|&(v, at_rest)| {
@@ -281,7 +282,7 @@ impl Watched {
             .iter()
             .any(|(v, _)| !body.is_free(*v as usize));
         if is_held && held <= STEADY * way {
-            let jitter = (free - held).max(0.0);
+            let jitter = max_or_nan([free - held, 0.0]);
             self.jitter = Some(max_or_nan(self.jitter.into_iter().chain([jitter])));
         }
     }
