@@ -91,7 +91,7 @@ pub struct Certificate {
     /// Vertices that were held where they were, summed over steps.
     pub held: u64,
     /// Pairs that no motion of free vertices could keep in order: between bones that close, or at
-    /// areas of attachment. They are not certified.
+    /// areas of attachment. They are not certified. A muscle that stops counts as one.
     pub open: u64,
     /// Least gap of a pair at the end of a frame [m]; infinite if none was below the thickness.
     pub least_gap: f64,
