@@ -76,6 +76,28 @@ pub trait Project: State + Send + Sync {
     /// Sets the greatest number of constraints computed at once, if the set supports it. The bits
     /// of a result do not depend on it.
     fn set_width(&mut self, _width: SimdWidth) {}
+    /// Divides a classic stiffness among `steps` steps: see [`stiffness_of_part`].
+    fn divide(&mut self, _steps: u32) {}
+}
+
+/// The greatest classic stiffness that is divided among steps.
+const MOST_DIVIDED: f64 = 0.95;
+
+/// The classic stiffness of each of `steps` steps that correct together as much as one step of
+/// stiffness `k` does, 1 - (1 - k)^(1/steps). A stiffness of 1 has no such parts: 0.95 is divided.
+///
+/// ```
+/// use pliant::constraints::stiffness_of_part;
+///
+/// let part = stiffness_of_part(0.75, 2);
+/// assert!((part - 0.5).abs() <= 1e-15);
+/// assert_eq!(stiffness_of_part(1.0, 1), 1.0);
+/// ```
+pub fn stiffness_of_part(k: f64, steps: u32) -> f64 {
+    if steps <= 1 {
+        return k;
+    }
+    1.0 - libm::pow(1.0 - k.min(MOST_DIVIDED), 1.0 / f64::from(steps))
 }
 
 /// Constraints of one kind in the order in which they are swept.
@@ -106,6 +128,8 @@ pub struct Batch<C, const K: usize> {
     constraints: Vec<C>,
     compliance: Vec<f64>,
     relaxation: Vec<f64>,
+    /// The relaxation of an undivided step, if it is classic.
+    classic: Vec<f64>,
     multipliers: Vec<f64>,
     schedule: SweepSchedule,
     /// Positions of each constraint's particles in their block.
@@ -172,6 +196,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
                 .map(|i| compliance[sorted(i)])
                 .collect(),
             relaxation: vec![1.0; constraints.len()],
+            classic: Vec::new(),
             multipliers: vec![0.0; constraints.len()],
             places: places(&schedule, &points),
             spans: spans(&schedule, &points),
@@ -200,6 +225,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             .iter()
             .map(|&i| factor[i as usize])
             .collect();
+        self.classic.clone_from(&self.relaxation);
         self
     }
 
@@ -231,6 +257,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         self.constraints.capacity() * size_of::<C>()
             + (self.compliance.capacity()
                 + self.relaxation.capacity()
+                + self.classic.capacity()
                 + self.multipliers.capacity())
                 * 8
             + self.schedule.sequence.capacity() * 4
@@ -384,7 +411,9 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
         let Self {
             constraints,
             compliance: _,
+            // Of the number of steps of a frame.
             relaxation: _,
+            classic: _,
             multipliers,
             schedule: _,
             places: _,
@@ -479,5 +508,10 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn set_width(&mut self, width: SimdWidth) {
         self.width = width;
+    }
+
+    fn divide(&mut self, steps: u32) {
+        let parts = self.relaxation.iter_mut().zip(&self.classic);
+        parts.for_each(|(part, &k)| *part = stiffness_of_part(k, steps));
     }
 }

@@ -21,7 +21,9 @@ pub struct EnclosedVolume {
     width: SimdWidth,
     target: f64,
     compliance: f64,
+    /// Of a step, and of one that is not divided.
     relaxation: f64,
+    classic: f64,
     multiplier: f64,
     packed: Packed,
     gradient: Vec<Slot>,
@@ -54,6 +56,7 @@ impl EnclosedVolume {
             target,
             compliance,
             relaxation: 1.0,
+            classic: 1.0,
             multiplier: 0.0,
             packed: Packed::default(),
             gradient: vec![Slot::default(); count],
@@ -75,8 +78,20 @@ impl EnclosedVolume {
     /// Classic stiffness 0..1: each projection makes only this share of the correction.
     #[must_use]
     pub fn with_relaxation(mut self, factor: f64) -> Self {
-        self.relaxation = factor;
+        (self.relaxation, self.classic) = (factor, factor);
         self
+    }
+
+    /// True if a projection reaches the target.
+    pub fn is_exact(&self) -> bool {
+        self.compliance == 0.0 && self.classic == 1.0
+    }
+
+    /// Divides a classic stiffness below 1 among `steps` steps: see [`super::stiffness_of_part`].
+    pub fn divide(&mut self, steps: u32) {
+        if self.classic < 1.0 {
+            self.relaxation = super::stiffness_of_part(self.classic, steps);
+        }
     }
 
     /// Sets the SIMD width, where the processor has it, instead of the widest. Changes no bit of
@@ -85,6 +100,11 @@ impl EnclosedVolume {
     pub fn with_width(mut self, width: SimdWidth) -> Self {
         self.width = width;
         self
+    }
+
+    /// Sets the target volume [m^3].
+    pub fn set_target(&mut self, target: f64) {
+        self.target = target;
     }
 
     /// The target volume [m^3].
@@ -289,6 +309,7 @@ impl State for EnclosedVolume {
             target: _,
             compliance: _,
             relaxation: _,
+            classic: _,
             multiplier,
             packed: _,
             gradient: _,

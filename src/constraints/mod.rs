@@ -37,7 +37,7 @@ pub use spring::{Between, Spring, SpringLaw};
 
 pub use anchor::Anchor;
 pub(crate) use batch::Residual;
-pub use batch::{Batch, Project};
+pub use batch::{Batch, Project, stiffness_of_part};
 pub use bending::Bending;
 pub use bond::Bond;
 pub use distance::Distance;

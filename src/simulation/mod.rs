@@ -67,7 +67,7 @@ use crate::contact::{Contacts, Obstacle, PartedPair, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::scene::{Scene, Solver};
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest depth of a vertex below a bone's surface at the end of a frame without another contact
@@ -154,7 +154,7 @@ impl Simulation {
             certificate: Certificate::default(),
             frame: 0,
             substeps,
-            control: StepControl::new(scene.adapts_steps),
+            control: StepControl::new(&scene),
             pool: None,
             scene,
         };
@@ -301,9 +301,14 @@ impl Simulation {
             ));
         }
         if self.control.has_refined() && !had_refined {
+            let why = if self.scene.adapts_steps {
+                "the scene names no `substeps`: a residual is above the tolerance"
+            } else {
+                "a volume is off its target"
+            };
             self.notes.push(format!(
-                "the scene names no `substeps`: {} a frame leave a residual above the tolerance in \
-                 frame {frame}; this frame and others like it take up to {most} times as many",
+                "{why} with {} steps in frame {frame}: this frame and others like it take up to {most} \
+                 times as many",
                 self.substeps
             ));
         }
@@ -319,14 +324,18 @@ impl Simulation {
         self.gather();
     }
 
-    /// The greatest residual of muscles that sweep, relative to the tolerance; 0 if the scene has a
-    /// number of steps.
+    /// The greatest residual of muscles that sweep, relative to the tolerance: that of the volumes that
+    /// are kept exactly, and of the elastic constraints if the scene has no number of steps.
     fn residual(&self) -> f64 {
-        if !self.scene.adapts_steps {
-            return 0.0;
-        }
         let tolerance = self.scene.solver.tolerance();
-        let of = |body: &Body| measures::elastic_residual(body) / (tolerance * body.edge_length);
+        let of = |body: &Body| {
+            let volume = body.volume_residual() / VOLUME_HELD;
+            if !self.scene.adapts_steps {
+                return volume;
+            }
+            let elastic = measures::elastic_residual(body) / (tolerance * body.edge_length);
+            max_or_nan([volume, elastic])
+        };
         let swept = self.bodies.iter().filter(|body| body.can_jump());
         max_or_nan(swept.map(of))
     }
@@ -336,7 +345,12 @@ impl Simulation {
         let substeps = self.control.steps(self.substeps);
         for body in &mut self.bodies {
             body.jump = None;
-            let settings = body::settings(&self.scene, body.length, substeps);
+            let (parts, whole) = match self.scene.solver {
+                Solver::Pbd(_) => (substeps / self.substeps, self.substeps),
+                _ => (1, substeps),
+            };
+            body.system.divide(parts);
+            let settings = body::settings(&self.scene, body.length, whole);
             let own = &mut body.system.settings;
             own.velocity_factor = settings.velocity_factor;
             own.force_factor = settings.force_factor;
@@ -545,6 +559,7 @@ fn step_body(body: &mut Body, of: &FrameSteps<'_>) {
         equilibrium.begin_frame();
     }
     for (step, placed) in of.steps.iter().enumerate() {
+        body.press(of, step);
         if let Err(broken) = body.step(placed, of) {
             body.stop(of.frame, broken);
         }
