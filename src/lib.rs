@@ -21,7 +21,7 @@ pub mod io;
 pub mod state;
 pub(crate) mod encode;
 pub(crate) mod particles;
-mod random;
+pub mod random;
 pub(crate) mod simd;
 pub(crate) mod rest;
 pub mod constraints;

@@ -2,6 +2,19 @@
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
+/// Uniform numbers in `0..1` from a seed.
+///
+/// ```
+/// let mut next = pliant::random::units(7);
+/// let first = next();
+/// assert!((0.0..1.0).contains(&first) && first != next());
+/// assert_eq!(first, pliant::random::units(7)());
+/// ```
+pub fn units(seed: u64) -> impl FnMut() -> f64 {
+    let mut random = Random::new(seed);
+    move || random.unit()
+}
+
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
 pub(crate) struct Random(u64);

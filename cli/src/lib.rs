@@ -3,6 +3,7 @@
 
 pub mod report;
 pub mod study;
+pub mod stress;
 pub mod commands;
 
 pub use commands::main;

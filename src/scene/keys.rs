@@ -133,6 +133,14 @@ impl KeySpec {
         }
     }
 
+    /// The least and the greatest value of a plain number, if it has both.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        match self.kind {
+            KeyKind::Number(Limit::Within(least, greatest)) => Some((least, greatest)),
+            _ => None,
+        }
+    }
+
     pub(super) const fn labelled(mut self, label: &'static str) -> Self {
         self.label = label;
         self

@@ -27,6 +27,7 @@ mod run;
 mod scene_text;
 mod scenes;
 mod springs;
+mod stress;
 mod study;
 mod view;
 
@@ -79,6 +80,8 @@ enum Command {
     /// Run all combinations of lists of values over a scene, and compare them in one table and on
     /// one sheet of pictures
     Study(study::Arguments),
+    /// Strain a scene with parameters drawn at random, and report what must not happen
+    Stress(stress::Arguments),
     /// Run a mass-spring system to rest: one from a file, or a lattice
     Springs(Box<springs::Arguments>),
     /// Change the length of a muscle of frusta that keeps its volume
@@ -129,6 +132,7 @@ pub fn main() -> ExitCode {
         Some(Command::Plan(arguments)) => plan::run(&arguments),
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
         Some(Command::Study(arguments)) => study::run(&arguments),
+        Some(Command::Stress(arguments)) => stress::run(&arguments),
         Some(Command::Springs(arguments)) => springs::run(&arguments),
         Some(Command::Biceps(arguments)) => biceps::run(&arguments),
         Some(Command::Fibres(arguments)) => fibres::run(&arguments),

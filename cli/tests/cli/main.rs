@@ -15,6 +15,7 @@ mod resume;
 mod schema;
 mod springs;
 mod staged;
+mod stress;
 mod study;
 mod view;
 

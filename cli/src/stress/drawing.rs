@@ -1,0 +1,369 @@
+//! The cases of a campaign: changes of a scene's text, drawn by a seed.
+
+use pliant::scene::{EFFECTS, SOLVERS};
+use toml::{Table, Value};
+
+/// Keys that are no parameters: names, files, places, and numbers of elements.
+const FIXED: [&str; 23] = [
+    "frames",
+    "frame",
+    "frame_rate",
+    "axis",
+    "centre",
+    "limit",
+    "within",
+    "near",
+    "vertices",
+    "seed",
+    "points",
+    "release",
+    "substeps",
+    "tolerance",
+    "base",
+    "at",
+    "stages",
+    "iterations",
+    "width",
+    "radii",
+    "size",
+    "power",
+    "neighbours",
+];
+
+/// Half the decades of a factor: of usual cases, and of cases beyond.
+const USUAL: f64 = 0.5;
+const BEYOND: f64 = 1.5;
+
+/// Greatest number of parameters that a case changes.
+const MOST_CHANGED: usize = 4;
+
+/// A case of a campaign.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// Its number, from 0.
+    pub number: usize,
+    /// Changes of the scene, as with `--set`: those of all cases first.
+    pub changes: Vec<String>,
+    /// Number of changes that all cases have.
+    pub common: usize,
+    /// Whether its numbers leave a decade around those of the scene.
+    pub beyond: bool,
+}
+
+/// What is drawn of a scene.
+#[derive(Clone, Debug)]
+pub struct Drawing {
+    seed: u64,
+    /// Changes of all cases: few frames across the whole motion.
+    common: Vec<String>,
+    /// Numbers that one factor changes: their keys and values.
+    parameters: Vec<Vec<(String, Value)>>,
+    /// The numbers of motions.
+    motion: Vec<(String, Value)>,
+    /// The frames a second, with the factor of all cases.
+    frame_rate: Option<Value>,
+    effects: Vec<String>,
+    solver: Option<String>,
+}
+
+impl Drawing {
+    /// Draws cases of a scene, with its text; those of muscles have at most `frames` frames.
+    pub fn new(scene: &Table, seed: u64, frames: usize) -> Self {
+        let mut numbers = Vec::new();
+        walk("", scene, &mut numbers);
+        let is_of_motion = |key: &str| key.contains(".motion.keys.");
+        let (motion, others): (Vec<_>, Vec<_>) =
+            numbers.into_iter().partition(|(key, _)| is_of_motion(key));
+        let (times, motion): (Vec<_>, Vec<_>) = motion
+            .into_iter()
+            .partition(|(key, _)| key.ends_with(".frame"));
+        let mut parameters = Vec::new();
+        let is_free = |key: &str| !FIXED.contains(&last(key));
+        parameters.extend(
+            others
+                .iter()
+                .filter(|(key, _)| is_free(key))
+                .map(|one| vec![one.clone()]),
+        );
+        let moved: Vec<_> = motion.into_iter().filter(|(key, _)| is_free(key)).collect();
+        let keys_of = |name: &str| {
+            let section = scene.get(name).and_then(Value::as_table);
+            section.map_or(Vec::new(), |table| table.keys().cloned().collect())
+        };
+        let of_muscles = scene.contains_key("muscle");
+        let mut common = Vec::new();
+        let mut frame_rate = scene.get("frame_rate").cloned();
+        let given = scene.get("frames").and_then(Value::as_integer);
+        if let Some(given) = given.filter(|n| of_muscles && *n > frames as i64) {
+            let share = frames as f64 / given as f64;
+            common.push(format!("frames={frames}"));
+            let sooner = times
+                .iter()
+                .map(|(key, at)| format!("{key}={}", scaled(at, share)));
+            common.extend(sooner);
+            frame_rate = frame_rate.map(|rate| scaled(&rate, share));
+            // Steps that suit a frame of the scene are too long for one of so few.
+            if scene
+                .get("solver")
+                .and_then(|s| s.get("xpbd")?.get("substeps"))
+                .is_some()
+            {
+                common.push("solver.xpbd.substeps=off".to_owned());
+            }
+        }
+        common.extend(frame_rate.iter().map(|rate| format!("frame_rate={rate}")));
+        let effects = keys_of("effects");
+        Self {
+            seed,
+            common,
+            parameters,
+            motion: moved,
+            frame_rate,
+            effects: if of_muscles { effects } else { Vec::new() },
+            solver: keys_of("solver").first().cloned().filter(|_| of_muscles),
+        }
+    }
+
+    /// The case with this number; the same for the same seed.
+    pub fn case(&self, number: usize) -> Case {
+        let of_case = self
+            .seed
+            .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+            .wrapping_add(number as u64);
+        let mut next = pliant::random::units(of_case);
+        let beyond = number % 2 == 1;
+        let decades = if beyond { BEYOND } else { USUAL };
+        let mut changes = self.common.clone();
+        if let Some(solver) = &self.solver
+            && next() < 0.25
+        {
+            let others: Vec<_> = SOLVERS.iter().filter(|other| other.key != solver).collect();
+            let other = others[index(next(), others.len())];
+            changes.retain(|change| !change.starts_with("solver."));
+            changes.push(format!("solver={}", other.key));
+        }
+        let kept = |key: &str| {
+            !key.starts_with("solver.") || !changes.iter().any(|c| c.starts_with("solver="))
+        };
+        let mut free: Vec<&Vec<(String, Value)>> = self
+            .parameters
+            .iter()
+            .filter(|p| p.iter().all(|(key, _)| kept(key)))
+            .collect();
+        let wanted = 1 + index(next(), MOST_CHANGED);
+        let mut drawn = Vec::new();
+        for _ in 0..wanted.min(free.len()) {
+            let chosen = free.remove(index(next(), free.len()));
+            let factor = three_digits(factor(next(), decades));
+            drawn.extend(chosen.iter().map(|(key, value)| {
+                let value = scaled(value, factor);
+                let kept = if beyond { value } else { within(key, value) };
+                format!("{key}={kept}")
+            }));
+        }
+        if next() < 0.25 {
+            let factor = three_digits(factor(next(), decades));
+            drawn.extend(self.moved(factor));
+        }
+        if let Some(rate) = self.frame_rate.as_ref().filter(|_| next() < 0.25) {
+            let factor = three_digits(factor(next(), decades));
+            drawn.push(format!("frame_rate={}", scaled(rate, factor)));
+        }
+        if !self.effects.is_empty() && next() < 0.15 {
+            let off = &self.effects[index(next(), self.effects.len())];
+            drawn.retain(|change| !change.starts_with(&format!("effects.{off}.")));
+            drawn.push(format!("effects.{off}=off"));
+        }
+        let common = changes.len();
+        changes.extend(drawn);
+        Case {
+            number,
+            changes,
+            common,
+            beyond,
+        }
+    }
+}
+
+impl Drawing {
+    /// The changes that make motions wider by a factor: each starts where it did.
+    fn moved(&self, factor: f64) -> impl Iterator<Item = String> {
+        self.motion.iter().filter_map(move |(key, value)| {
+            let (of_key, name) = key.rsplit_once('.')?;
+            let (keys, number) = of_key.rsplit_once('.')?;
+            let first = format!("{keys}.0.{name}");
+            let first = self.motion.iter().find(|(key, _)| *key == first);
+            let wider = match first {
+                Some((_, from)) => apart(value, from, factor)?,
+                None => scaled(value, factor),
+            };
+            (number != "0").then(|| format!("{key}={wider}"))
+        })
+    }
+}
+
+/// The numbers of a section with their keys: plain ones, quantities, and lists of them.
+fn walk(above: &str, section: &Table, to: &mut Vec<(String, Value)>) {
+    let key_of = |key: &str| match above {
+        "" => key.to_owned(),
+        above => format!("{above}.{key}"),
+    };
+    for (name, value) in section {
+        let key = key_of(name);
+        match value {
+            Value::Table(table) => walk(&key, table, to),
+            Value::Array(list) if list.iter().all(Value::is_table) => {
+                for (k, element) in list.iter().enumerate() {
+                    element
+                        .as_table()
+                        .iter()
+                        .for_each(|table| walk(&format!("{key}.{k}"), table, to));
+                }
+            }
+            value if is_number(value) => to.push((key, value.clone())),
+            _ => {}
+        }
+    }
+}
+
+fn is_number(value: &Value) -> bool {
+    match value {
+        Value::Float(_) | Value::Integer(_) => true,
+        Value::String(text) => quantity(text).is_some(),
+        Value::Array(list) => list.iter().all(is_number),
+        _ => false,
+    }
+}
+
+/// Number and unit of a text such as `4 mm`.
+fn quantity(text: &str) -> Option<(f64, &str)> {
+    let (number, unit) = text.trim().split_once(' ')?;
+    Some((number.parse().ok()?, unit))
+}
+
+fn scaled(value: &Value, factor: f64) -> Value {
+    match value {
+        Value::Float(number) => Value::Float(three_digits(number * factor)),
+        Value::Integer(number) => {
+            let scaled = (*number as f64 * factor).round();
+            Value::Integer(scaled as i64)
+        }
+        Value::String(text) => quantity(text).map_or(value.clone(), |(number, unit)| {
+            Value::String(format!("{} {unit}", three_digits(number * factor)))
+        }),
+        Value::Array(list) => Value::Array(list.iter().map(|one| scaled(one, factor)).collect()),
+        other => other.clone(),
+    }
+}
+
+/// The value of a key, within the range that its effect has.
+fn within(key: &str, value: Value) -> Value {
+    let found = key.strip_prefix("effects.").and_then(|rest| {
+        let (effect, key) = rest.split_once('.')?;
+        let effect = EFFECTS.iter().find(|one| one.key == effect)?;
+        effect.keys.iter().find(|one| one.key == key)?.range()
+    });
+    match (found, value) {
+        (Some((least, greatest)), Value::Float(value)) => {
+            Value::Float(value.clamp(least, greatest))
+        }
+        (_, value) => value,
+    }
+}
+
+/// A value that is `factor` times as far from another one; `None` for other units.
+fn apart(value: &Value, from: &Value, factor: f64) -> Option<Value> {
+    let mix = |to: f64, from: f64| three_digits(from + (to - from) * factor);
+    match (value, from) {
+        (Value::String(to), Value::String(from)) => {
+            let ((to, unit), (from, other)) = (quantity(to)?, quantity(from)?);
+            (unit == other).then(|| Value::String(format!("{} {unit}", mix(to, from))))
+        }
+        (Value::Array(to), Value::Array(from)) => {
+            let both = to.iter().zip(from);
+            let each: Option<Vec<Value>> = both.map(|(to, from)| apart(to, from, factor)).collect();
+            each.map(Value::Array)
+        }
+        _ => None,
+    }
+}
+
+/// The last name of a key.
+fn last(key: &str) -> &str {
+    key.rsplit('.').next().unwrap_or(key)
+}
+
+/// A number with three digits, which is easy to read and to type.
+fn three_digits(number: f64) -> f64 {
+    format!("{number:.2e}").parse().unwrap_or(number)
+}
+
+/// A factor of at most this number of decades up or down, for a number in `0..1`.
+fn factor(drawn: f64, decades: f64) -> f64 {
+    10_f64.powf((2.0 * drawn - 1.0) * decades)
+}
+
+fn index(drawn: f64, count: usize) -> usize {
+    ((drawn * count as f64) as usize).min(count.saturating_sub(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::scene::builtin::{builtin, load_content};
+
+    fn drawing(name: &str, seed: u64) -> Drawing {
+        let text = builtin(name).expect("a built-in scene");
+        Drawing::new(&text.parse().expect("TOML"), seed, 30)
+    }
+
+    #[test]
+    fn cases_follow_from_the_seed_and_change_the_scene() {
+        for name in ["hip", "press", "flat-implant", "lattice"] {
+            let (one, other) = (drawing(name, 1), drawing(name, 2));
+            let all: Vec<Case> = (0..40).map(|k| one.case(k)).collect();
+            assert_eq!(all, (0..40).map(|k| one.case(k)).collect::<Vec<_>>());
+            assert!((0..40).any(|k| other.case(k) != all[k]), "control");
+            assert!(
+                all.iter().all(|case| case.changes.len() > case.common),
+                "{name}"
+            );
+        }
+    }
+
+    #[test]
+    fn usual_cases_are_scenes_that_load() {
+        for name in ["hip", "press", "flat-implant", "lattice"] {
+            let drawing = drawing(name, 3);
+            let usual = (0..60).map(|k| drawing.case(k)).filter(|case| !case.beyond);
+            let refused = usual.filter_map(|case| load_content(name, &case.changes).err());
+            let refused: Vec<String> = refused.map(|e| e.to_string()).collect();
+            assert!(refused.len() <= 3, "{name}: {refused:#?}");
+        }
+    }
+
+    #[test]
+    fn a_motion_of_many_frames_is_made_in_few() {
+        let case = drawing("press", 1).case(0);
+        let keys = [
+            "frames=30",
+            "bone.0.motion.keys.1.frame=10",
+            "bone.1.motion.keys.2.frame=20",
+        ];
+        let wider: Vec<String> = drawing("press", 1).moved(0.5).collect();
+        let half = "bone.0.motion.keys.1.translation=[\"0 mm\", \"22.1 mm\", \"0 mm\"]";
+        assert_eq!((wider.len(), wider[0].as_str()), (4, half));
+        for key in keys {
+            assert!(
+                case.changes.iter().any(|c| c == key),
+                "{key}: {:?}",
+                case.changes
+            );
+        }
+        assert!(
+            case.changes.contains(&"frame_rate=\"6 Hz\"".to_owned()),
+            "{:?}",
+            case.changes
+        );
+    }
+}

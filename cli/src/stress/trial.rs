@@ -1,0 +1,320 @@
+//! Runs a case of a campaign, and judges how it ends.
+
+use std::ops::ControlFlow;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::report::audit::RunAudit;
+use pliant::mesh::measures::volume;
+use pliant::progress::Progress;
+use pliant::scene::{Content, Scene, SceneError};
+use pliant::simulation::{
+    Assets, Body, LoadError, Measures, PairSummary, Plan, Scenario, Simulation, Stepped,
+    scenario_with,
+};
+
+/// Greatest error of a volume that is kept exactly in a frame that counts as converged.
+const VOLUME_HELD: f64 = 1e-6;
+
+/// Greatest stretch of an edge in a case that counts as converged.
+const STRETCHED: f64 = 4.0;
+
+/// How a case ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ended {
+    /// Every frame is converged, and no check of its result fails.
+    Converged,
+    /// Its result says why it is not to be trusted.
+    NotConverged(String),
+    /// It was refused before its first frame, with the key at fault.
+    Refused(String),
+    /// It ended in a way in which no case may end.
+    Found(String),
+    /// The user stopped it.
+    Interrupted,
+}
+
+impl Ended {
+    /// Its name in tables.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Converged => "converged",
+            Self::NotConverged(_) => "not converged",
+            Self::Refused(_) => "refused",
+            Self::Found(_) => "finding",
+            Self::Interrupted => "interrupted",
+        }
+    }
+
+    /// What more there is to say.
+    pub fn why(&self) -> &str {
+        match self {
+            Self::NotConverged(why) | Self::Refused(why) | Self::Found(why) => why,
+            Self::Converged | Self::Interrupted => "",
+        }
+    }
+}
+
+/// The conditions of all cases.
+pub struct Trial<'a> {
+    /// Reads the scene with changes.
+    pub load: &'a (dyn Fn(&[String]) -> Result<Content, SceneError> + Sync),
+    /// The longest time of a case.
+    pub longest: Duration,
+    /// A flag that stops all cases.
+    pub stop: &'a AtomicBool,
+}
+
+/// Stops a case that lasts too long.
+struct Watch<'a> {
+    stop: &'a AtomicBool,
+    end: Instant,
+}
+
+impl Progress for Watch<'_> {
+    fn report(&self, _: &str, _: usize, _: usize) -> ControlFlow<()> {
+        if self.stop.load(Ordering::Relaxed) || Instant::now() >= self.end {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    }
+}
+
+impl Trial<'_> {
+    /// Runs the scene with these changes.
+    pub fn run(&self, changes: &[String]) -> Ended {
+        let watch = Watch {
+            stop: self.stop,
+            end: Instant::now() + self.longest,
+        };
+        let run = || match (self.load)(changes) {
+            Err(error) => refused(&error),
+            Ok(Content::Muscles(scene)) => self.of_muscles(*scene, &watch),
+            Ok(other) => self.of_others(&other, &watch),
+        };
+        catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let text = text.or(panic.downcast_ref::<&str>().copied());
+            Ended::Found(format!("panic: {}", text.unwrap_or("without a message")))
+        })
+    }
+
+    fn of_muscles(&self, scene: Scene, watch: &Watch<'_>) -> Ended {
+        let made = Assets::load(&scene).and_then(|assets| {
+            let plan = Plan::new(&scene, &assets);
+            Simulation::with(scene, assets, plan)
+        });
+        let mut simulation = match made {
+            Ok(simulation) => simulation,
+            Err(error) => return not_loaded(&error),
+        };
+        let mut audit = RunAudit::new();
+        audit.frame(&simulation);
+        let crossed = audit.summary.crossings_max.all;
+        let mut why = None;
+        while !simulation.is_finished() {
+            match simulation.step(watch) {
+                Stepped::Done => {}
+                Stepped::Interrupted => return self.stopped(simulation.frame()),
+                Stepped::Failed(reason) => return Ended::NotConverged(reason),
+            }
+            let measures = simulation.measure();
+            if let Some(found) = unsound(&simulation, &measures) {
+                return Ended::Found(found);
+            }
+            why = why.or(doubted(&simulation, &measures));
+            audit.frame(&simulation);
+            if watch.is_stopped() && !simulation.is_finished() {
+                return self.stopped(simulation.frame());
+            }
+            if simulation.bodies.iter().all(|body| body.stopped.is_some()) {
+                break;
+            }
+        }
+        audit.finish(&simulation);
+        let crossings = audit.summary.crossings_max.all;
+        let contact = simulation.scene.effects.contact;
+        let is_kept =
+            contact.is_some_and(|c| c.between.muscles && c.between.bones && c.between.itself);
+        if crossings > crossed && is_kept && simulation.certificate().open == 0 {
+            let worst = audit.summary.worst(|_| true);
+            let place = worst.map_or(String::new(), PairSummary::place);
+            return Ended::Found(format!(
+                "{crossings} pairs of triangles cross, and no pair is open: {place}"
+            ));
+        }
+        why.map_or(Ended::Converged, Ended::NotConverged)
+    }
+
+    fn of_others(&self, content: &Content, watch: &Watch<'_>) -> Ended {
+        let mut run = match scenario_with(content, watch) {
+            Ok(run) => run,
+            Err(_) if watch.is_stopped() => return self.stopped(0),
+            Err(error) => return not_loaded(&error),
+        };
+        while !run.is_finished() {
+            match run.step(watch) {
+                Stepped::Done => {}
+                Stepped::Interrupted => return self.stopped(run.frame()),
+                Stepped::Failed(reason) => return Ended::NotConverged(reason),
+            }
+            let finite = |(x, _): &(Vec<_>, _)| x.iter().all(is_finite);
+            if !run.bodies().iter().all(finite) {
+                return Ended::Found(format!("a position of frame {} is not finite", run.frame()));
+            }
+        }
+        if run.converged() {
+            Ended::Converged
+        } else {
+            Ended::NotConverged("the last frame is not converged".to_owned())
+        }
+    }
+
+    fn stopped(&self, frame: usize) -> Ended {
+        if self.stop.load(Ordering::Relaxed) {
+            return Ended::Interrupted;
+        }
+        let seconds = self.longest.as_secs_f64();
+        Ended::Found(format!(
+            "not finished within {seconds} s: it was in frame {}",
+            frame + 1
+        ))
+    }
+}
+
+/// The end of a scene that cannot be read.
+fn refused(error: &SceneError) -> Ended {
+    let (code, key, problem) = (error.problem().code(), error.key(), error.problem());
+    if key.is_empty() {
+        return Ended::Found(format!("refused without a key: {code}: {problem}"));
+    }
+    Ended::Refused(format!("{code} {key}: {problem}"))
+}
+
+/// The end of a scene whose bodies cannot be made.
+fn not_loaded(error: &LoadError) -> Ended {
+    match error {
+        LoadError::Unfit(unfit) => refused(&unfit.scene_error()),
+        LoadError::Read(_) => Ended::Refused(format!("mesh: {error}")),
+    }
+}
+
+fn is_finite(x: &nalgebra::Point3<f64>) -> bool {
+    x.coords.iter().all(|c| c.is_finite())
+}
+
+/// What a frame must not have, whatever it says of itself.
+fn unsound(simulation: &Simulation, measures: &[Measures]) -> Option<String> {
+    let frame = simulation.frame();
+    measures
+        .iter()
+        .zip(&simulation.bodies)
+        .find_map(|(measures, body)| {
+            let x = &body.system.particles.position;
+            if !x.iter().all(is_finite) {
+                return Some(format!(
+                    "a position of {} in frame {frame} is not finite",
+                    body.name
+                ));
+            }
+            let error = volume_error(simulation, body)?;
+            let lost = measures.converged && !(error <= VOLUME_HELD);
+            lost.then(|| {
+                format!(
+                    "{} loses a volume of {error:.1e} in a converged frame {frame}",
+                    body.name
+                )
+            })
+        })
+}
+
+/// The error of a volume that is kept exactly, relative to its target, computed anew.
+fn volume_error(simulation: &Simulation, body: &Body) -> Option<f64> {
+    let muscle = simulation
+        .scene
+        .muscles
+        .iter()
+        .find(|m| m.name == body.name)?;
+    let is_exact = body.target_volume > 0.0 && muscle.material.bulk.is_none();
+    let now = volume(&body.system.particles.position, &body.rest.triangles);
+    is_exact.then(|| (now / body.target_volume - 1.0).abs())
+}
+
+/// Why a frame is not to be trusted, by its own measures.
+fn doubted(simulation: &Simulation, measures: &[Measures]) -> Option<String> {
+    let frame = simulation.frame();
+    let of_bodies = measures.iter().zip(&simulation.bodies);
+    let mut each = of_bodies.filter_map(|(measures, body)| {
+        let name = &body.name;
+        if let Some((stop, broken)) = &body.stopped {
+            return Some(format!("{name} stops in frame {stop}: {broken}"));
+        }
+        if !(measures.edge_stretch_max <= STRETCHED) {
+            return Some(format!(
+                "an edge of {name} is strained by more than 4 in frame {frame}"
+            ));
+        }
+        let open = simulation.certificate().open > 0;
+        (!measures.converged || open).then(|| format!("{name} does not converge in frame {frame}"))
+    });
+    each.next()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::scene::builtin::load_content;
+
+    fn ended(scene: &'static str, changes: &[&str], longest: f64) -> Ended {
+        let load = move |changes: &[String]| load_content(scene, changes);
+        let trial = Trial {
+            load: &load,
+            longest: Duration::from_secs_f64(longest),
+            stop: &AtomicBool::new(false),
+        };
+        trial.run(&changes.iter().map(|c| (*c).to_owned()).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn each_way_to_end_has_its_name() {
+        let lattice = |more: &[&str]| {
+            ended(
+                "lattice",
+                &[&["lattice.points=[4,4,4]", "frames=40"], more].concat(),
+                60.0,
+            )
+        };
+        assert_eq!(lattice(&[]), Ended::Converged);
+        let small = "muscle.0.edge_length=20 mm";
+        let pressed = ended("press", &[small, "frames=4"], 60.0);
+        assert_eq!(pressed, Ended::Converged);
+        let loose = ended(
+            "press",
+            &[small, "frames=30", "solver.xpbd.tolerance=1e-12"],
+            60.0,
+        );
+        assert!(matches!(loose, Ended::NotConverged(_)), "{loose:?}");
+        let refused = ended("press", &["muscle.0.material.density=-1 kg/m3"], 60.0);
+        assert!(
+            matches!(&refused, Ended::Refused(why) if why.contains("muscle.0.material.density")),
+            "{refused:?}"
+        );
+        let long = ended("press", &[small, "solver.xpbd.substeps=100000"], 0.3);
+        assert!(
+            matches!(&long, Ended::Found(why) if why.contains("not finished")),
+            "{long:?}"
+        );
+    }
+
+    #[test]
+    fn a_panic_is_a_finding() {
+        let load = |_: &[String]| panic!("a defect");
+        let trial = Trial {
+            load: &load,
+            longest: Duration::from_secs(1),
+            stop: &AtomicBool::new(false),
+        };
+        assert_eq!(trial.run(&[]), Ended::Found("panic: a defect".to_owned()));
+    }
+}

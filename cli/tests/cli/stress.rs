@@ -1,0 +1,82 @@
+//! `pliant stress`: its cases, those kept from an earlier call, and wrong input.
+
+use super::check::code;
+use super::schema::assert_valid;
+use super::{Scratch, run, text};
+use serde_json::Value;
+
+const SMALL: [&str; 2] = ["--set", "lattice.points=[3,3,4]"];
+
+/// Exit code and summary of a campaign on a lattice.
+fn stress(folder: &std::path::Path, more: &[&str]) -> (Option<i32>, Value) {
+    let out = folder.to_str().expect("a path");
+    let given = ["stress", "lattice", "--json", "--out", out];
+    let done = run(&[&given, &SMALL[..], more].concat());
+    let summary = serde_json::from_slice(&done.stdout);
+    (
+        code(&done),
+        summary.unwrap_or_else(|_| panic!("{}", text(&done.stderr))),
+    )
+}
+
+#[test]
+fn every_case_ends_in_a_permitted_way_and_is_kept() {
+    let folder = Scratch::folder();
+    let (exit, summary) = stress(folder.path(), &["--cases", "8"]);
+    assert_eq!(exit, Some(0), "{summary:#}");
+    assert_valid(&summary);
+    let counts = &summary["stress"];
+    let count = |key: &str| counts[key].as_u64().expect("a count");
+    assert_eq!(count("cases"), 8);
+    assert_eq!(
+        count("converged") + count("not_converged") + count("refused"),
+        8
+    );
+    assert_eq!(counts["usual"]["cases"], 4);
+    // The cases of an earlier call are kept: with another seed there are others.
+    let (_, again) = stress(folder.path(), &["--cases", "8"]);
+    assert_eq!(again["stress"], summary["stress"]);
+    let (_, other) = stress(folder.path(), &["--cases", "8", "--seed", "9"]);
+    assert_eq!(other["stress"]["cases"], 8);
+    let kept = std::fs::read_dir(folder.path().join("cases")).expect("a folder");
+    assert_eq!(kept.count(), 16);
+}
+
+#[test]
+fn a_case_that_does_not_end_is_a_finding() {
+    let folder = Scratch::folder();
+    let out = folder.path().to_str().expect("a path");
+    let long = [
+        "--set",
+        "muscle.0.edge_length=20 mm",
+        "--set",
+        "solver.xpbd.iterations=1000000",
+    ];
+    let given = [
+        "stress", "press", "--json", "--out", out, "--cases", "1", "--limit", "1", "--seed", "5",
+    ];
+    let done = run(&[&given, &long[..]].concat());
+    assert_eq!(code(&done), Some(1), "{}", text(&done.stderr));
+    let summary: Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    assert_valid(&summary);
+    let found = &summary["stress"]["findings"][0];
+    let what = found["what"].as_str().expect("a text");
+    assert!(what.contains("not finished within 1 s"), "{what}");
+    let command = found["command"].as_str().expect("a text");
+    assert!(command.starts_with("pliant run press --set "), "{command}");
+}
+
+#[test]
+fn wrong_input_is_refused() {
+    for (arguments, message) in [
+        (&["stress", "no-such-scene"][..], "no-such-scene"),
+        (&["stress"], "SCENE"),
+        (&["stress", "press", "--cases", "0"], "--cases"),
+        (&["stress", "press", "--set", "frames=-1"], "frames"),
+    ] {
+        let done = run(arguments);
+        assert_eq!(code(&done), Some(2), "{arguments:?}");
+        let said = text(&done.stderr);
+        assert!(said.contains(message), "{said}");
+    }
+}
