@@ -410,6 +410,11 @@ impl Solver {
             })
     }
 
+    /// True if the stiffness of a material belongs to a step, whatever its length.
+    pub(crate) fn has_classic_stiffness(&self) -> bool {
+        matches!(self, Self::Pbd(_))
+    }
+
     /// The solver's own factor on velocities in each frame; `None` for a solver without one.
     #[must_use]
     pub fn velocity_damping(&self) -> Option<f64> {

@@ -156,7 +156,10 @@ impl Body {
         let done = match &mut self.method {
             Stepper::Tracked(tracked) => tracked.step(&mut self.system, placed),
             Stepper::Minimum(equilibrium) => equilibrium.step(&mut self.system, placed, of),
-            Stepper::Sweeps => return self.system.step(placed, of.dt),
+            Stepper::Sweeps => {
+                let is_stopped = || of.stop.is_asked();
+                return self.system.step_unless(placed, of.dt, &is_stopped);
+            }
         };
         self.system.clock.note("equilibrium", begin);
         done

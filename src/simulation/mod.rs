@@ -67,7 +67,7 @@ use crate::contact::{Contacts, Obstacle, PartedPair, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::progress::Progress;
-use crate::scene::{Scene, Solver};
+use crate::scene::Scene;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest depth of a vertex below a bone's surface at the end of a frame without another contact
@@ -345,9 +345,10 @@ impl Simulation {
         let substeps = self.control.steps(self.substeps);
         for body in &mut self.bodies {
             body.jump = None;
-            let (parts, whole) = match self.scene.solver {
-                Solver::Pbd(_) => (substeps / self.substeps, self.substeps),
-                _ => (1, substeps),
+            let (parts, whole) = if self.scene.solver.has_classic_stiffness() {
+                (substeps / self.substeps, self.substeps)
+            } else {
+                (1, substeps)
             };
             body.system.divide(parts);
             let settings = body::settings(&self.scene, body.length, whole);

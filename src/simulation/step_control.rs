@@ -18,7 +18,7 @@ use nalgebra::Point3;
 use super::FrameSteps;
 use super::body::{Body, Stepper};
 use crate::constraints::distance::Distance;
-use crate::scene::{Scene, Solver};
+use crate::scene::Scene;
 use crate::solvers::grip::DRAG;
 use crate::solvers::{Broken, DIVERGENCE};
 use crate::state::{DecodeError, Reader, State, Writer};
@@ -75,10 +75,10 @@ impl StepControl {
     pub fn new(scene: &Scene) -> Self {
         Self {
             factor: 1,
-            most: match scene.solver {
-                Solver::Pbd(_) => MOST_PARTS,
-                _ if scene.adapts_steps => MOST_ADAPTED,
-                _ => MOST,
+            most: match scene.solver.has_classic_stiffness() {
+                true => MOST_PARTS,
+                false if scene.adapts_steps => MOST_ADAPTED,
+                false => MOST,
             },
             calm: 0,
             repeated: 0,

@@ -356,6 +356,10 @@ fn step(
         .first()
         .map_or(1, |body| body.system.settings.iterations);
     for iteration in 0..iterations {
+        // The frame is undone.
+        if of.stop.is_asked() {
+            return;
+        }
         let motions = with_motions(meeting, bodies, |_, body| {
             if iteration == 0 {
                 body.system.begin_alone(placed, dt);

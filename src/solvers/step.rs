@@ -206,6 +206,17 @@ impl System {
     /// # Panics
     /// If `dt` is negative or not finite: the caller must check its settings.
     pub fn step(&mut self, placed: &[PosedObstacle], dt: f64) -> Result<(), Broken> {
+        self.step_unless(placed, dt, &|| false)
+    }
+
+    /// The same as [`Self::step`], but ends after a sweep for which `is_stopped` is true; the state is
+    /// then of no use.
+    pub(crate) fn step_unless(
+        &mut self,
+        placed: &[PosedObstacle],
+        dt: f64,
+        is_stopped: &dyn Fn() -> bool,
+    ) -> Result<(), Broken> {
         assert!(
             dt >= 0.0 && dt.is_finite(),
             "a step takes a finite time, not {dt} s"
@@ -214,13 +225,13 @@ impl System {
             return Ok(());
         }
         self.keep_start(dt);
-        self.advance(placed, dt, false)?;
+        self.advance(placed, dt, (false, is_stopped))?;
         if self.particles.first_non_finite().is_none() {
             return Ok(());
         }
         // Repeats the step and tests after each effect, to name the cause.
         self.back_to_start();
-        let found = self.advance(placed, dt, true);
+        let found = self.advance(placed, dt, (true, is_stopped));
         self.back_to_start();
         found.and(Err(Broken {
             effect: "step",
@@ -253,11 +264,19 @@ impl System {
         self.particles.velocity.clone_from(&self.start_velocity);
     }
 
-    fn advance(&mut self, placed: &[PosedObstacle], dt: f64, watch: bool) -> Result<(), Broken> {
+    fn advance(
+        &mut self,
+        placed: &[PosedObstacle],
+        dt: f64,
+        (watch, is_stopped): (bool, &dyn Fn() -> bool),
+    ) -> Result<(), Broken> {
         self.predict(placed, dt);
         self.watch("motion", watch)?;
         self.begin_sweeps();
         for _ in 0..self.settings.iterations {
+            if is_stopped() {
+                return Ok(());
+            }
             self.sweep(placed, dt, watch)?;
             self.project_volume(dt, &[], &[]);
             self.watch("volume", watch)?;

@@ -157,13 +157,7 @@ impl Campaign<'_, '_> {
         };
         std::thread::scope(|scope| {
             for _ in 0..workers {
-                scope.spawn(|| {
-                    // Each case has one thread: several run at once.
-                    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
-                        Ok(pool) => pool.install(work),
-                        Err(_) => work(),
-                    }
-                });
+                scope.spawn(work);
             }
         });
         bar.end();

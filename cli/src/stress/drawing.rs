@@ -86,10 +86,6 @@ impl Drawing {
                 .map(|one| vec![one.clone()]),
         );
         let moved: Vec<_> = motion.into_iter().filter(|(key, _)| is_free(key)).collect();
-        let keys_of = |name: &str| {
-            let section = scene.get(name).and_then(Value::as_table);
-            section.map_or(Vec::new(), |table| table.keys().cloned().collect())
-        };
         let of_muscles = scene.contains_key("muscle");
         let mut common = Vec::new();
         let mut frame_rate = scene.get("frame_rate").cloned();
@@ -112,7 +108,7 @@ impl Drawing {
             }
         }
         common.extend(frame_rate.iter().map(|rate| format!("frame_rate={rate}")));
-        let effects = keys_of("effects");
+        let effects = keys_of(scene, "effects");
         Self {
             seed,
             common,
@@ -120,7 +116,10 @@ impl Drawing {
             motion: moved,
             frame_rate,
             effects: if of_muscles { effects } else { Vec::new() },
-            solver: keys_of("solver").first().cloned().filter(|_| of_muscles),
+            solver: keys_of(scene, "solver")
+                .first()
+                .cloned()
+                .filter(|_| of_muscles),
         }
     }
 
@@ -200,6 +199,12 @@ impl Drawing {
             (number != "0").then(|| format!("{key}={wider}"))
         })
     }
+}
+
+/// The keys of a section; none without it.
+fn keys_of(scene: &Table, name: &str) -> Vec<String> {
+    let section = scene.get(name).and_then(Value::as_table);
+    section.map_or(Vec::new(), |table| table.keys().cloned().collect())
 }
 
 /// The numbers of a section with their keys: plain ones, quantities, and lists of them.

@@ -22,7 +22,7 @@ fn stress(folder: &std::path::Path, more: &[&str]) -> (Option<i32>, Value) {
 #[test]
 fn every_case_ends_in_a_permitted_way_and_is_kept() {
     let folder = Scratch::folder();
-    let (exit, summary) = stress(folder.path(), &["--cases", "8"]);
+    let (exit, summary) = stress(&folder, &["--cases", "8"]);
     assert_eq!(exit, Some(0), "{summary:#}");
     assert_valid(&summary);
     let counts = &summary["stress"];
@@ -34,18 +34,18 @@ fn every_case_ends_in_a_permitted_way_and_is_kept() {
     );
     assert_eq!(counts["usual"]["cases"], 4);
     // The cases of an earlier call are kept: with another seed there are others.
-    let (_, again) = stress(folder.path(), &["--cases", "8"]);
+    let (_, again) = stress(&folder, &["--cases", "8"]);
     assert_eq!(again["stress"], summary["stress"]);
-    let (_, other) = stress(folder.path(), &["--cases", "8", "--seed", "9"]);
+    let (_, other) = stress(&folder, &["--cases", "8", "--seed", "9"]);
     assert_eq!(other["stress"]["cases"], 8);
-    let kept = std::fs::read_dir(folder.path().join("cases")).expect("a folder");
+    let kept = std::fs::read_dir(folder.join("cases")).expect("a folder");
     assert_eq!(kept.count(), 16);
 }
 
 #[test]
 fn a_case_that_does_not_end_is_a_finding() {
     let folder = Scratch::folder();
-    let out = folder.path().to_str().expect("a path");
+    let out = folder.to_str().expect("a path");
     let long = [
         "--set",
         "muscle.0.edge_length=20 mm",
