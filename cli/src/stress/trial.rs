@@ -197,7 +197,7 @@ fn refused(error: &SceneError) -> Ended {
 /// The end of a scene whose bodies cannot be made.
 fn not_loaded(error: &LoadError) -> Ended {
     match error {
-        LoadError::Unfit(unfit) => refused(&unfit.scene_error()),
+        LoadError::Unfit(unfit) => refused(unfit.scene_error()),
         LoadError::Read(_) => Ended::Refused(format!("mesh: {error}")),
     }
 }
