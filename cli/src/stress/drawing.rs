@@ -99,12 +99,11 @@ impl Drawing {
             common.extend(sooner);
             frame_rate = frame_rate.map(|rate| scaled(&rate, share));
             // Steps that suit a frame of the scene are too long for one of so few.
-            if scene
-                .get("solver")
-                .and_then(|s| s.get("xpbd")?.get("substeps"))
-                .is_some()
-            {
-                common.push("solver.xpbd.substeps=off".to_owned());
+            for solver in keys_of(scene, "solver") {
+                let settings = scene["solver"].get(&solver);
+                if settings.is_some_and(|settings| settings.get("substeps").is_some()) {
+                    common.push(format!("solver.{solver}.substeps=off"));
+                }
             }
         }
         common.extend(frame_rate.iter().map(|rate| format!("frame_rate={rate}")));
