@@ -17,6 +17,7 @@ pub(crate) mod descent;
 pub(crate) mod energy;
 pub(crate) mod grip;
 mod history;
+mod parts;
 #[cfg(feature = "sparse")]
 pub(crate) mod newton;
 pub(crate) mod press;

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use nalgebra::{Point3, Vector3};
 
+use super::parts::Parts;
 use crate::constraints::{EnclosedVolume, KINDS, Project, Residual};
 use crate::contact::{Contacts, PosedObstacle};
 use crate::particles::{Numbering, Packed, Particles, Slot};
@@ -151,18 +152,6 @@ pub struct System {
     last_dt: f64,
 }
 
-/// A step of classic PBD that is made in parts: bones and predicted motion advance by a share in each,
-/// and velocities are those of the whole step. So it damps as one step does.
-#[derive(Clone, Debug)]
-struct Parts {
-    /// Number of parts of a step, and of those that are made.
-    count: u32,
-    done: u32,
-    /// Positions at the beginning of the step, and the velocities that it predicted.
-    begun: Vec<Point3<f64>>,
-    predicted: Vec<Vector3<f64>>,
-}
-
 impl System {
     /// Creates a body without effects.
     pub fn new(particles: Particles, settings: StepSettings) -> Self {
@@ -171,12 +160,7 @@ impl System {
             start_velocity: particles.velocity.clone(),
             particles,
             packed: Packed::default(),
-            parts: Parts {
-                count: 1,
-                done: 0,
-                begun: Vec::new(),
-                predicted: Vec::new(),
-            },
+            parts: Parts::default(),
             elastic: Vec::new(),
             volume: None,
             contacts: None,
@@ -242,7 +226,7 @@ impl System {
     /// From now on a step is made in `count` parts, each by a call of [`Self::step`] with its share of
     /// the time. Classic stiffness is divided among them.
     pub(crate) fn divide(&mut self, count: u32) {
-        (self.parts.count, self.parts.done) = (count, 0);
+        self.parts.divide(count);
         self.elastic
             .iter_mut()
             .for_each(|batch| batch.divide(count));
@@ -254,12 +238,14 @@ impl System {
     /// Stores the state at the beginning of a step of `dt` [s].
     fn keep_start(&mut self, dt: f64) {
         self.last_dt = dt;
+        self.parts.keep();
         self.start.clone_from(&self.particles.position);
         self.start_velocity.clone_from(&self.particles.velocity);
     }
 
     /// Takes the step back.
     pub(crate) fn back_to_start(&mut self) {
+        self.parts.back();
         self.particles.position.clone_from(&self.start);
         self.particles.velocity.clone_from(&self.start_velocity);
     }
@@ -387,12 +373,12 @@ impl System {
             ..
         } = self.settings;
         let (particles, parts) = (&mut self.particles, &mut self.parts);
-        if parts.done == 0 {
+        if parts.begins() {
             particles
                 .velocity
                 .iter_mut()
                 .for_each(|v| *v *= velocity_factor);
-            let pull = dt * f64::from(parts.count) * force_factor;
+            let pull = parts.whole(dt) * force_factor;
             for &(vertex, force) in &self.forces {
                 particles.velocity[vertex as usize] +=
                     force * (particles.inverse_mass[vertex as usize] * pull);
@@ -400,12 +386,9 @@ impl System {
             let free = particles.velocity.iter_mut().zip(&particles.inverse_mass);
             free.filter(|(_, w)| **w > 0.0)
                 .for_each(|(v, _)| *v += gravity * pull);
-            if parts.count > 1 {
-                parts.begun.clone_from(&particles.position);
-                parts.predicted.clone_from(&particles.velocity);
-            }
+            parts.begin(particles);
         } else {
-            particles.velocity.clone_from(&parts.predicted);
+            parts.predict(particles);
         }
         for ((x, v), w) in particles
             .position
@@ -424,12 +407,7 @@ impl System {
 
     fn take_velocities(&mut self, dt: f64) {
         let (particles, parts) = (&mut self.particles, &mut self.parts);
-        let (start, time) = if parts.count > 1 {
-            (&parts.begun, dt * f64::from(parts.done + 1))
-        } else {
-            (&self.start, dt)
-        };
-        parts.done = (parts.done + 1) % parts.count;
+        let (start, time) = parts.end(&self.start, dt);
         for ((v, x), start) in particles
             .velocity
             .iter_mut()
@@ -582,72 +560,5 @@ fn watch_positions(particles: &Particles, effect: &'static str, watch: bool) -> 
     match particles.position.iter().position(|x| !finite(x)) {
         Some(particle) => Err(Broken { effect, particle }),
         None => Ok(()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::constraints::{Batch, Distance, SweepOrder};
-
-    const DT: f64 = 0.02;
-
-    /// A particle of 1 kg on a spring of classic stiffness to a held one, and a free one.
-    fn system(gravity: Vector3<f64>) -> System {
-        let position = vec![
-            Point3::origin(),
-            Point3::new(3.0, 0.0, 0.0),
-            Point3::new(0.0, 1.0, 0.0),
-        ];
-        let mut particles = Particles::at_rest(position, vec![0.0, 1.0, 1.0]);
-        particles.velocity[2] = Vector3::new(0.5, 0.0, -1.0);
-        let settings = StepSettings {
-            iterations: 2,
-            gravity,
-            velocity_factor: 0.9,
-            force_factor: 0.9,
-            speed_limit: f64::INFINITY,
-        };
-        let mut system = System::new(particles, settings);
-        let spring = Distance {
-            points: [0, 1],
-            rest: 1.0,
-        };
-        let batch = Batch::new(vec![spring], vec![0.0], SweepOrder::Stored, 3, &[]);
-        system.elastic.push(Box::new(batch.with_relaxation(&[0.3])));
-        system
-    }
-
-    /// The particle after `steps` steps that are made in `parts` parts, and its velocity times a step.
-    fn after(steps: u32, parts: u32, shorter: u32, of: (usize, Vector3<f64>)) -> [Vector3<f64>; 2] {
-        let (particle, gravity) = of;
-        let mut system = system(gravity);
-        system.divide(parts);
-        let calls = parts * shorter;
-        for _ in 0..steps * calls {
-            let done = system.step(&[], DT / f64::from(calls));
-            done.expect("finite numbers");
-        }
-        let Particles {
-            position, velocity, ..
-        } = &system.particles;
-        [position[particle].coords, velocity[particle] * DT]
-    }
-
-    #[test]
-    fn a_step_in_parts_is_the_step() {
-        let gravity = Vector3::new(0.0, -9.81, 0.0);
-        // A free flight of three steps, and one step of a spring.
-        for (steps, of) in [(3, (2, gravity)), (1, (1, Vector3::zeros()))] {
-            let whole = after(steps, 1, 1, of);
-            let apart = |other: [Vector3<f64>; 2]| {
-                (other[0] - whole[0]).norm() + (other[1] - whole[1]).norm()
-            };
-            let parted = apart(after(steps, 8, 1, of));
-            assert!(parted <= 1e-14, "{parted}");
-            // Control: shorter steps are stiffer, and damp more often.
-            let shorter = apart(after(steps, 1, 8, of));
-            assert!(!(shorter <= 1e-3), "{shorter}");
-        }
     }
 }

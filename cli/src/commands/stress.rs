@@ -17,6 +17,7 @@ use crate::report::Table;
 use crate::report::folder::Folder;
 use crate::report::output::{RunOutput, Verdict};
 use crate::stress::{Case, Drawing, Ended, Trial};
+use crate::study::key::{Contents, key_of};
 use pliant::scene::builtin;
 
 /// Strain a scene with parameters drawn at random: each case must end converged, not converged, or
@@ -28,14 +29,15 @@ Examples:
   pliant stress hip --cases 300 --seed 7
   pliant stress my-scene.toml --set 'muscle.0.edge_length=12 mm' --json > stress.json
 
-Each case multiplies one to four numbers of the scene by factors on a logarithmic scale: numbers of materials, effects and
-solvers, sizes of meshes, the amplitude and the speed of motions. Every second case stays within a decade around the scene, the
-others within three. Some cases have another solver or lack an effect. A scene of muscles runs its whole motion in --frames
-frames, with as many steps as it needs.
+Each case multiplies one to four numbers of the scene by factors on a logarithmic scale: numbers of
+materials, effects and solvers, sizes of meshes, the width and the speed of motions. Every second case
+stays within a decade around the scene, the others within three. Some cases have another solver or lack
+an effect. A scene of muscles runs its whole motion in --frames frames, with as many steps as it needs.
 
-A finding is a case that ends in another way: a panic, a number that is not finite, crossings although no pair is open, a volume
-lost in a converged frame, a refusal without a key, or no end within --limit seconds. Its changes are reduced to those that it
-needs. cases/*.json keep each case; the same command goes on where it was stopped (give --fresh after a change of a mesh file).
+A finding is a case that ends in another way: a panic, a number that is not finite, crossings although no
+pair is open, a volume lost in a converged frame, a refusal without a key, or no end within --limit
+seconds. Its changes are reduced to those that it needs. cases/*.json keep each case. The same command
+runs the cases that are missing. The preparation of a case has no limit, and Ctrl-C waits for its end.
 
 Exit codes: 0 no finding; 1 a finding; 2 bad usage or input; 130 after Ctrl-C.")]
 pub(super) struct Arguments {
@@ -104,6 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         drawing,
         trial,
         folder: &folder,
+        contents: Mutex::default(),
     };
     let mut rows = campaign.run(&stop)?;
     rows.sort_by_key(|row| row.case.number);
@@ -119,6 +122,7 @@ struct Campaign<'a, 'b> {
     drawing: Drawing,
     trial: Trial<'b>,
     folder: &'a Folder,
+    contents: Mutex<Contents>,
 }
 
 impl Campaign<'_, '_> {
@@ -170,14 +174,7 @@ impl Campaign<'_, '_> {
     fn row(&self, number: usize) -> Result<Option<Row>, Failure> {
         let case = self.drawing.case(number);
         let file = format!("{CASES}/{}-{number}.json", self.arguments.seed);
-        // All inputs of its end.
-        let key = json!([
-            pliant::DIGEST,
-            self.text,
-            self.arguments.set,
-            case.changes,
-            self.arguments.limit
-        ]);
+        let key = json!([self.key(&case), self.arguments.limit]);
         if let Some((ended, needed)) = read(&self.folder.path().join(&file), &key) {
             return Ok(Some(Row {
                 case,
@@ -188,9 +185,13 @@ impl Campaign<'_, '_> {
         let ended = self.trial.run(&case.changes);
         let needed = match &ended {
             Ended::Interrupted => return Ok(None),
-            Ended::Found(what) => self.reduced(&case, what),
+            Ended::Found(_) => self.reduced(&case, &ended),
             _ => Vec::new(),
         };
+        // A reduction that was stopped is not the end of the case.
+        if self.trial.stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
         let kept = json!({"key": key, "ended": ended.name(), "why": ended.why(), "needed": needed});
         let text = format!("{kept:#}\n");
         self.folder.write(&file, |w| w.write_all(text.as_bytes()))?;
@@ -201,26 +202,34 @@ impl Campaign<'_, '_> {
         }))
     }
 
+    /// All inputs of the end of a case but its limit: those of a run of a study, or the text of a scene
+    /// that is refused.
+    fn key(&self, case: &Case) -> String {
+        let Ok(content) = (self.trial.load)(&case.changes) else {
+            let all = json!([pliant::DIGEST, self.text, self.arguments.set, case.changes]);
+            return all.to_string();
+        };
+        let key = key_of(&content, &[], &mut lock(&self.contents));
+        // A file that cannot be read is refused again.
+        key.unwrap_or_else(|error| error.to_string())
+    }
+
     /// The changes that a finding needs: one after the other is left out, if the case still ends in
     /// the same way.
-    fn reduced(&self, case: &Case, what: &str) -> Vec<String> {
-        let sort = |what: &str| {
-            what.split([':', '0', '1', '2', '3', '4', '5', '6', '7', '8', '9'])
-                .next()
-                .map(str::to_owned)
-        };
+    fn reduced(&self, case: &Case, ended: &Ended) -> Vec<String> {
         let mut needed = case.changes.clone();
         // A case that does not end would take its whole time for each change.
-        if what.starts_with("not finished") {
+        if ended.defect() == Some("no end") {
             return needed;
         }
         let mut k = case.common;
         while k < needed.len() {
             let mut fewer = needed.clone();
             fewer.remove(k);
-            match self.trial.run(&fewer) {
-                Ended::Found(again) if sort(&again) == sort(what) => needed = fewer,
-                _ => k += 1,
+            if self.trial.run(&fewer).defect() == ended.defect() {
+                needed = fewer;
+            } else {
+                k += 1;
             }
         }
         needed

@@ -370,7 +370,7 @@ const MORE_SUBSTEPS: &str = "use more substeps, or `[solver.quasi_static]`";
 /// longer tears.
 const APART: f64 = 2.0;
 /// Greatest strain of an edge: the built-in press, which closes to a tenth, reaches 2.8.
-const TORN: f64 = 4.0;
+pub const TORN: f64 = 4.0;
 const HOLD_FEWER: &str = "if two bones hold vertices near each other, hold fewer (`limit`, `near`, \
                           `within`), or by patches that do not meet";
 

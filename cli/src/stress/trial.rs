@@ -6,19 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::report::audit::RunAudit;
+use crate::report::muscles::TORN;
 use pliant::mesh::measures::volume;
 use pliant::progress::Progress;
 use pliant::scene::{Content, Scene, SceneError};
 use pliant::simulation::{
     Assets, Body, LoadError, Measures, PairSummary, Plan, Scenario, Simulation, Stepped,
-    scenario_with,
+    VOLUME_HELD, scenario_with,
 };
-
-/// Greatest error of a volume that is kept exactly in a frame that counts as converged.
-const VOLUME_HELD: f64 = 1e-6;
-
-/// Greatest stretch of an edge in a case that counts as converged.
-const STRETCHED: f64 = 4.0;
 
 /// How a case ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,7 +24,7 @@ pub enum Ended {
     NotConverged(String),
     /// It was refused before its first frame, with the key at fault.
     Refused(String),
-    /// It ended in a way in which no case may end.
+    /// It ended in a way in which no case may end: its kind, a colon, and what was found.
     Found(String),
     /// The user stopped it.
     Interrupted,
@@ -44,6 +39,14 @@ impl Ended {
             Self::Refused(_) => "refused",
             Self::Found(_) => "finding",
             Self::Interrupted => "interrupted",
+        }
+    }
+
+    /// The kind of a finding; `None` for another end.
+    pub fn defect(&self) -> Option<&str> {
+        match self {
+            Self::Found(what) => what.split(':').next(),
+            _ => None,
         }
     }
 
@@ -111,9 +114,12 @@ impl Trial<'_> {
         };
         // Several cases run at once. Within a pool of theirs nobody could stop a frame.
         simulation.set_threads(1);
+        if watch.is_stopped() {
+            return self.stopped(0);
+        }
         let mut audit = RunAudit::new();
         audit.frame(&simulation);
-        let crossed = audit.summary.crossings_max.all;
+        let at_start = audit.summary.crossings_max.all;
         let mut why = None;
         while !simulation.is_finished() {
             match simulation.step(watch) {
@@ -135,16 +141,8 @@ impl Trial<'_> {
             }
         }
         audit.finish(&simulation);
-        let crossings = audit.summary.crossings_max.all;
-        let contact = simulation.scene.effects.contact;
-        let is_kept =
-            contact.is_some_and(|c| c.between.muscles && c.between.bones && c.between.itself);
-        if crossings > crossed && is_kept && simulation.certificate().open == 0 {
-            let worst = audit.summary.worst(|_| true);
-            let place = worst.map_or(String::new(), PairSummary::place);
-            return Ended::Found(format!(
-                "{crossings} pairs of triangles cross, and no pair is open: {place}"
-            ));
+        if let Some(found) = crossed(&simulation, &audit, at_start) {
+            return Ended::Found(found);
         }
         why.map_or(Ended::Converged, Ended::NotConverged)
     }
@@ -163,7 +161,7 @@ impl Trial<'_> {
             }
             let finite = |(x, _): &(Vec<_>, _)| x.iter().all(is_finite);
             if !run.bodies().iter().all(finite) {
-                return Ended::Found(format!("a position of frame {} is not finite", run.frame()));
+                return Ended::Found(format!("not finite: a position of frame {}", run.frame()));
             }
         }
         if run.converged() {
@@ -179,7 +177,7 @@ impl Trial<'_> {
         }
         let seconds = self.longest.as_secs_f64();
         Ended::Found(format!(
-            "not finished within {seconds} s: it was in frame {}",
+            "no end: not finished within {seconds} s, in frame {}",
             frame + 1
         ))
     }
@@ -189,7 +187,7 @@ impl Trial<'_> {
 fn refused(error: &SceneError) -> Ended {
     let (code, key, problem) = (error.problem().code(), error.key(), error.problem());
     if key.is_empty() {
-        return Ended::Found(format!("refused without a key: {code}: {problem}"));
+        return Ended::Found(format!("no key: refused with {code}: {problem}"));
     }
     Ended::Refused(format!("{code} {key}: {problem}"))
 }
@@ -216,7 +214,7 @@ fn unsound(simulation: &Simulation, measures: &[Measures]) -> Option<String> {
             let x = &body.system.particles.position;
             if !x.iter().all(is_finite) {
                 return Some(format!(
-                    "a position of {} in frame {frame} is not finite",
+                    "not finite: a position of {} in frame {frame}",
                     body.name
                 ));
             }
@@ -224,11 +222,25 @@ fn unsound(simulation: &Simulation, measures: &[Measures]) -> Option<String> {
             let lost = measures.converged && !(error <= VOLUME_HELD);
             lost.then(|| {
                 format!(
-                    "{} loses a volume of {error:.1e} in a converged frame {frame}",
+                    "volume: {} loses {error:.1e} in a converged frame {frame}",
                     body.name
                 )
             })
         })
+}
+
+/// Crossings that contact must prevent and did not announce, of those that the start had not.
+fn crossed(simulation: &Simulation, audit: &RunAudit, at_start: usize) -> Option<String> {
+    let contact = simulation.scene.effects.contact?;
+    let is_kept = contact.between.muscles && contact.between.bones && contact.between.itself;
+    let crossings = audit.summary.crossings_max.all;
+    if !is_kept || simulation.certificate().open > 0 || crossings <= at_start {
+        return None;
+    }
+    let worst = audit.summary.worst(|_| true);
+    let place = worst.map_or(String::new(), PairSummary::place);
+    let what = "pairs of triangles cross, and no pair is open";
+    Some(format!("crossing: {crossings} {what}: {place}"))
 }
 
 /// The error of a volume that is kept exactly, relative to its target, computed anew.
@@ -252,9 +264,9 @@ fn doubted(simulation: &Simulation, measures: &[Measures]) -> Option<String> {
         if let Some((stop, broken)) = &body.stopped {
             return Some(format!("{name} stops in frame {stop}: {broken}"));
         }
-        if !(measures.edge_stretch_max <= STRETCHED) {
+        if !(measures.edge_stretch_max <= TORN) {
             return Some(format!(
-                "an edge of {name} is strained by more than 4 in frame {frame}"
+                "an edge of {name} is strained by more than {TORN} in frame {frame}"
             ));
         }
         let open = simulation.certificate().open > 0;
@@ -318,5 +330,43 @@ mod tests {
             stop: &AtomicBool::new(false),
         };
         assert_eq!(trial.run(&[]), Ended::Found("panic: a defect".to_owned()));
+    }
+
+    /// A press at its start, with its muscle moved.
+    fn moved(by: impl Fn(&mut nalgebra::Point3<f64>)) -> Simulation {
+        let changes = ["muscle.0.edge_length=20 mm".to_owned()];
+        let Ok(Content::Muscles(scene)) = load_content("press", &changes) else {
+            panic!("a scene of muscles");
+        };
+        let mut simulation = Simulation::new(*scene).expect("meshes");
+        simulation.step_frame();
+        let x = &mut simulation.bodies[0].system.particles.position;
+        x.iter_mut().for_each(by);
+        simulation
+    }
+
+    #[test]
+    fn each_defect_is_found() {
+        let found = |simulation: &Simulation, converged: bool| {
+            let mut measures = simulation.measure();
+            measures[0].converged = converged;
+            let mut audit = RunAudit::new();
+            audit.finish(simulation);
+            unsound(simulation, &measures).or(crossed(simulation, &audit, 0))
+        };
+        let is = |found: Option<String>, defect: &str| {
+            let found = found.map(Ended::Found);
+            assert_eq!(
+                found.as_ref().and_then(Ended::defect),
+                Some(defect),
+                "{found:?}"
+            );
+        };
+        assert_eq!(found(&moved(|_| ()), true), None, "control");
+        is(found(&moved(|x| x.z = f64::NAN), true), "not finite");
+        let smaller = moved(|x| x.coords *= 1.0 - 1e-6);
+        is(found(&smaller, true), "volume");
+        assert_eq!(found(&smaller, false), None, "control");
+        is(found(&moved(|x| x.y += 0.02), true), "crossing");
     }
 }
