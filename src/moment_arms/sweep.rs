@@ -464,6 +464,7 @@ fn prepare(
         bone.motion = Motion {
             keys,
             joint: bone.motion.joint.take(),
+            linear: true,
         };
     }
     scene.frames = frame;

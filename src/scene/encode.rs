@@ -132,9 +132,14 @@ impl Encode for BoneSpec {
 
 impl Encode for Motion {
     fn encode(&self, to: &mut Encoder<'_>) {
-        let Self { keys, joint } = self;
+        let Self {
+            keys,
+            joint,
+            linear,
+        } = self;
         to.field("keys", keys);
         to.field("joint", joint);
+        to.field("linear", linear);
     }
 }
 

@@ -27,6 +27,7 @@ pub(crate) mod solvers;
 mod spelling;
 pub(crate) mod study;
 mod tree;
+mod twist;
 pub mod units;
 
 pub use content::OF_MUSCLES;
@@ -141,13 +142,15 @@ pub struct BoneSpec {
     pub motion: Motion,
 }
 
-/// Key frames of a rigid motion, interpolated as a screw.
+/// Key frames of a rigid motion.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Keys sorted by frame; the pose is constant before the first and after the last.
     pub keys: Vec<Key>,
     /// The joint of the rotation, if centre and axis are given.
     pub joint: Option<Joint>,
+    /// Constant speed between two keys; otherwise the motion is smooth (see [`Motion::pose`]).
+    pub linear: bool,
 }
 
 /// A joint of a bone: centre and axis of rotation.

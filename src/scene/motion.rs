@@ -1,10 +1,14 @@
-//! Rigid motion by key frames, interpolated as a screw: between two keys the body rotates about one
-//! axis in space and slides along it, both at constant speed.
+//! Rigid motion by key frames.
+//!
+//! With linear interpolation a body turns about one axis in space between two keys and slides along
+//! it, both at constant speed: a screw. The speed jumps at each key. A smooth motion has a steady
+//! speed and no acceleration at each key, and its pose, speed and acceleration are continuous (C2).
 
 use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 
 use super::error::{SceneError, SceneProblem};
 use super::reader::{Limit, Section};
+use super::twist::{Twist, smooth_step};
 use super::units::Dimension;
 use super::{Joint, Key, Motion};
 
@@ -16,17 +20,30 @@ const CLEAR_TURN: f64 = 3.0;
 /// Greatest angle of a key \[rad\]; bounds the number of inserted keys.
 const LARGEST_ANGLE: f64 = 1000.0;
 
+/// Least sine of half a turn. Below this, squares underflow and the direction of the axis is lost; so
+/// small a rotation has no effect.
+pub(super) const SMALLEST_SINE: f64 = 1e-150;
+
 impl Motion {
     /// The pose at a possibly fractional frame: the identity without keys, the pose of the first or
-    /// last key outside their range, exactly the pose of a key at its frame, and the screw between
-    /// two keys.
+    /// last key outside their range, exactly the pose of a key at its frame, and between two keys
+    /// the screw of a linear motion or the blend of a smooth one.
+    ///
+    /// The smooth motion blends the steady screws through both keys by a weight with two vanishing
+    /// derivatives at its ends. From rest to rest this is the motion of least jerk (Flash and Hogan
+    /// 1985). A turn never runs past its keys, and a point that all keys keep stays where it is if
+    /// all turns have one axis.
     ///
     /// ```
     /// use nalgebra::{Isometry3, Vector3};
     /// use pliant::scene::{Key, Motion};
     /// let turned = Isometry3::rotation(Vector3::z());
     /// let keys = vec![Key { frame: 0.0, pose: Isometry3::identity() }, Key { frame: 10.0, pose: turned }];
-    /// assert!((Motion { keys, joint: None }.pose(5.0).rotation.angle() - 0.5).abs() < 1e-15);
+    /// let motion = Motion { keys, joint: None, linear: false };
+    /// assert!((motion.pose(5.0).rotation.angle() - 0.5).abs() < 1e-15);
+    /// assert!(motion.pose(1.0).rotation.angle() < 0.01);
+    /// let linear = Motion { linear: true, ..motion };
+    /// assert!((linear.pose(1.0).rotation.angle() - 0.1).abs() < 1e-15);
     /// ```
     #[must_use]
     pub fn pose(&self, frame: f64) -> Isometry3<f64> {
@@ -41,8 +58,30 @@ impl Motion {
             (Some(before), Some(_)) if before.frame == frame => before.pose,
             (Some(before), Some(after)) => {
                 let share = (frame - before.frame) / (after.frame - before.frame);
-                before.pose * screw_part(&(before.pose.inverse() * after.pose), share)
+                if self.linear {
+                    return before.pose * screw_part(&(before.pose.inverse() * after.pose), share);
+                }
+                let through = |key: usize| {
+                    let Key { frame: at, pose } = self.keys[key];
+                    pose * self.twist(key).times(frame - at).pose()
+                };
+                let [from, to] = [through(next - 1), through(next)];
+                from * screw_part(&(from.inverse() * to), smooth_step(share))
             }
+        }
+    }
+
+    /// The motion of a frame through a key: that of both neighbouring spans together, none where a
+    /// motion begins, ends or reverses.
+    fn twist(&self, key: usize) -> Twist {
+        let speed = |key: usize| {
+            let [before, after] = [self.keys.get(key)?, self.keys.get(key + 1)?];
+            let whole = Twist::of(&(before.pose.inverse() * after.pose));
+            Some(whole.times(1.0 / (after.frame - before.frame)))
+        };
+        match key.checked_sub(1).and_then(speed).zip(speed(key)) {
+            Some((before, after)) => before.shared(&after),
+            None => Twist::default(),
         }
     }
 }
@@ -60,9 +99,7 @@ fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
     let (cosine, vector) = (sign * quaternion.w, sign * quaternion.imag());
     let sine = vector.norm();
     let moved = pose.translation.vector;
-    // Below this, squares underflow and the direction of the axis is lost; so small a rotation has
-    // no effect.
-    if sine < 1e-150 {
+    if sine < SMALLEST_SINE {
         return Isometry3::from_parts(
             Translation3::from(moved * share),
             UnitQuaternion::identity(),
@@ -80,7 +117,7 @@ fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
 }
 
 /// Rotation by an angle \[rad\]; the functions of libm give the same bits on every system.
-fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
+pub(super) fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
     let (sine, cosine) = libm::sincos(0.5 * angle);
     UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))
 }
@@ -145,8 +182,9 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
     }
     let point = centre.unwrap_or_default();
     let mut motion = Motion {
+        keys: Vec::new(),
         joint: joint(section, centre, axis)?,
-        ..Motion::default()
+        linear: is_linear(section)?,
     };
     let mut before: Option<Written> = None;
     for key in sections {
@@ -167,6 +205,21 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
         before = Some(written);
     }
     Ok(motion)
+}
+
+/// The key `interpolation`, smooth if it is absent.
+fn is_linear(section: &Section<'_>) -> Result<bool, SceneError> {
+    let Some(item) = section.get("interpolation") else {
+        return Ok(false);
+    };
+    match item.text("smooth")? {
+        "smooth" => Ok(false),
+        "linear" => Ok(true),
+        name => {
+            let known = ["smooth", "linear"].into_iter();
+            item.fail(super::parse::unknown_name("interpolation", name, known))
+        }
+    }
 }
 
 /// The joint of a motion with a centre and an axis; only such a motion can name one.
@@ -310,6 +363,7 @@ mod tests {
                 },
             ],
             joint: None,
+            linear: true,
         }
     }
 

@@ -171,6 +171,7 @@ const MOTION: Schema = Schema::Listed(&[
     ("joint", Plain),
     ("centre", Plain),
     ("axis", Plain),
+    ("interpolation", Text),
     ("keys", List(&KEY)),
 ]);
 

@@ -63,7 +63,11 @@ impl Simulation {
             key(self.frame + 1, pose),
         ];
         let joint = self.scene.bones[bone].motion.joint.take();
-        self.scene.bones[bone].motion = Motion { keys, joint };
+        self.scene.bones[bone].motion = Motion {
+            keys,
+            joint,
+            linear: true,
+        };
     }
 
     /// Drags a vertex of a muscle to a position [m] with a spring of `stiffness` [N/m], which

@@ -213,6 +213,7 @@ impl Muscles {
                 simulation.scene.bones[bone].motion = Motion {
                     keys: vec![key],
                     joint,
+                    linear: true,
                 };
             }
         }
@@ -338,8 +339,12 @@ impl Muscles {
                     } else {
                         1.0
                     };
-                    self.simulation
-                        .move_bone(bone, Motion { keys, joint: None }.pose(share));
+                    let way = Motion {
+                        keys,
+                        joint: None,
+                        linear: true,
+                    };
+                    self.simulation.move_bone(bone, way.pose(share));
                 }
                 _ => {}
             }
