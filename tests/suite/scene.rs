@@ -622,9 +622,9 @@ fn names_are_told_apart_and_found_among_20_000() {
 
 #[test]
 fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
-    let motion = "[bone.motion]\ncentre = ['1 m', '0 m', '0 m']\naxis = [0, 0, 2]\n\
-                  keys = [{ frame = 10, angle = '0 rad' }, { frame = 20, angle = '720deg', slide = '8 mm' }]\n[[muscle]]";
-    let motion = &read(&spoilt("[[muscle]]", motion)).expect("a scene").bones[0].motion;
+    let keys = "[bone.motion]\ncentre = ['1 m', '0 m', '0 m']\naxis = [0, 0, 2]\ninterpolation = 'linear'\n\
+                keys = [{ frame = 10, angle = '0 rad' }, { frame = 20, angle = '720deg', slide = '8 mm' }]\n[[muscle]]";
+    let motion = &read(&spoilt("[[muscle]]", keys)).expect("a scene").bones[0].motion;
     // A quarter of the duration is half a turn about the centre, and a quarter of the slide.
     let point = motion.pose(12.5) * nalgebra::Point3::origin();
     assert!(
@@ -635,6 +635,22 @@ fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
     assert!(
         (eighth - nalgebra::Point3::new(1.0, -1.0, 0.001)).norm() < 1e-14,
         "{eighth}"
+    );
+    // Half of a smooth motion is a whole turn. It begins slowly, and is steady from one part of the
+    // wide turn to the next.
+    let keys = keys.replace("'linear'", "'smooth'");
+    let smooth = &read(&spoilt("[[muscle]]", &keys)).expect("a scene").bones[0].motion;
+    let half = smooth.pose(15.0) * nalgebra::Point3::origin();
+    assert!(
+        (half - nalgebra::Point3::new(0.0, 0.0, 0.004)).norm() < 1e-14,
+        "{half}"
+    );
+    let begun = smooth.pose(10.1) * nalgebra::Point3::origin();
+    assert!(begun.coords.norm() < 1e-3, "{begun}");
+    let [before, after] = [14.0, 16.0].map(|f| smooth.pose(f) * nalgebra::Point3::origin());
+    assert!(
+        (before.x - after.x).abs() < 1e-14 && (before.y + after.y).abs() < 1e-14,
+        "{before} {after}"
     );
 }
 
