@@ -623,7 +623,8 @@ fn names_are_told_apart_and_found_among_20_000() {
 #[test]
 fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
     let keys = "[bone.motion]\ncentre = ['1 m', '0 m', '0 m']\naxis = [0, 0, 2]\ninterpolation = 'linear'\n\
-                keys = [{ frame = 10, angle = '0 rad' }, { frame = 20, angle = '720deg', slide = '8 mm' }]\n[[muscle]]";
+                keys = [{ frame = 10, angle = '0 rad' }, \
+                { frame = 20, angle = '720deg', slide = '8 mm' }]\n[[muscle]]";
     let motion = &read(&spoilt("[[muscle]]", keys)).expect("a scene").bones[0].motion;
     // A quarter of the duration is half a turn about the centre, and a quarter of the slide.
     let point = motion.pose(12.5) * nalgebra::Point3::origin();
