@@ -31,8 +31,8 @@ impl Motion {
     ///
     /// The smooth motion blends the steady screws through both keys by a weight with two vanishing
     /// derivatives at its ends. From rest to rest this is the motion of least jerk (Flash and Hogan
-    /// 1985). A turn never runs past its keys, and a point that all keys keep stays where it is if
-    /// all turns have one axis.
+    /// 1985). Turns about one axis never run past their keys. The common centre of all turns stays
+    /// where it is.
     ///
     /// ```
     /// use nalgebra::{Isometry3, Vector3};
