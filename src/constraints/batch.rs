@@ -78,6 +78,8 @@ pub trait Project: State + Send + Sync {
     fn set_width(&mut self, _width: SimdWidth) {}
     /// Divides a classic stiffness among `steps` steps: see [`stiffness_of_part`].
     fn divide(&mut self, _steps: u32) {}
+    /// Sets the shortening of fibres, relative to their length at rest.
+    fn shorten(&mut self, _shortening: f64) {}
 }
 
 /// The greatest classic stiffness that is divided among steps.
@@ -391,6 +393,13 @@ pub(crate) fn save_branches<C: Constraint<K>, const K: usize>(constraints: &[C],
     }
 }
 
+/// Sets the shortening of fibres for constraints that have one.
+pub(crate) fn shorten<C: Constraint<K>, const K: usize>(constraints: &mut [C], shortening: f64) {
+    if let Some(shorten) = C::kernel().shorten {
+        constraints.iter_mut().for_each(|c| shorten(c, shortening));
+    }
+}
+
 /// Restores the branches that [`save_branches`] appended.
 pub(crate) fn restore_branches<C: Constraint<K>, const K: usize>(
     constraints: &mut [C],
@@ -513,5 +522,9 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
     fn divide(&mut self, steps: u32) {
         let parts = self.relaxation.iter_mut().zip(&self.classic);
         parts.for_each(|(part, &k)| *part = stiffness_of_part(k, steps));
+    }
+
+    fn shorten(&mut self, shortening: f64) {
+        shorten(&mut self.constraints, shortening);
     }
 }

@@ -54,17 +54,23 @@ impl LaneConstraint<2> for Distance {
 
     #[inline(always)]
     fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
-        let d = sub(x[0], x[1]);
-        let squared = dot(d, d);
-        // Squares of components beyond these bounds lose digits or overflow.
-        let usual = N::splat(machine, 1e-280).lt(squared) & squared.lt(N::splat(machine, 1e280));
-        let length = squared.sqrt();
-        let u = scale(d, N::splat(machine, 1.0) / length);
-        Several {
-            value: length - N::each(machine, |l| these[l].rest),
-            gradient: [u, neg(u)],
-            usual,
-        }
+        beyond(N::each(machine, |l| these[l].rest), machine, x)
+    }
+}
+
+/// C and its gradient for several rest lengths [m], one per lane.
+#[inline(always)]
+pub(super) fn beyond<N: Lane>(rest: N, machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
+    let d = sub(x[0], x[1]);
+    let squared = dot(d, d);
+    // Squares of components beyond these bounds lose digits or overflow.
+    let usual = N::splat(machine, 1e-280).lt(squared) & squared.lt(N::splat(machine, 1e280));
+    let length = squared.sqrt();
+    let u = scale(d, N::splat(machine, 1.0) / length);
+    Several {
+        value: length - rest,
+        gradient: [u, neg(u)],
+        usual,
     }
 }
 
@@ -73,7 +79,12 @@ impl Distance {
     /// point with itself is k (u u^T + (1 - d/l) (1 - u u^T)), the block of both points its
     /// negative. Across the spring only its tension acts. With `convex`, a negative tension counts
     /// as zero there.
-    fn hessian(&self, x: &[Point3<f64>; 2], stiffness: f64, convex: bool) -> Option<Blocks<2>> {
+    pub(super) fn hessian(
+        &self,
+        x: &[Point3<f64>; 2],
+        stiffness: f64,
+        convex: bool,
+    ) -> Option<Blocks<2>> {
         let d = x[0] - x[1];
         let length = d.norm();
         if length == 0.0 {

@@ -106,6 +106,7 @@ pub struct Kernel<C, const K: usize> {
     pub(crate) forces: fn(Forces<'_, C, K>),
     pub(crate) hessian: Hessian<C, K>,
     pub(crate) branch: Option<Branch<C>>,
+    pub(crate) shorten: Option<fn(&mut C, f64)>,
     unit: bool,
 }
 
@@ -117,6 +118,7 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
             forces: quadratic::one_by_one,
             hessian: quadratic::hessian,
             branch: None,
+            shorten: None,
             unit: false,
         }
     }
@@ -165,6 +167,13 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
     #[must_use]
     pub fn with_hessian(self, hessian: Hessian<C, K>) -> Self {
         Self { hessian, ..self }
+    }
+
+    /// Changes a rest value with the shortening of fibres, relative to their length.
+    #[must_use]
+    pub fn with_shortening(self, shorten: fn(&mut C, f64)) -> Self {
+        let shorten = Some(shorten);
+        Self { shorten, ..self }
     }
 
     /// Whether gradients are assumed to have length one; see [`LaneConstraint::UNIT`].

@@ -28,6 +28,7 @@ pub(crate) mod anchor;
 pub(crate) mod bending;
 pub(crate) mod bond;
 pub(crate) mod distance;
+pub(crate) mod fibre_distance;
 pub(crate) mod plane_contact;
 pub(crate) mod tetrahedron_volume;
 pub(crate) mod triangle_contact;
@@ -42,6 +43,7 @@ pub use bending::Bending;
 pub use bond::Bond;
 pub use distance::Distance;
 pub use enclosed_volume::EnclosedVolume;
+pub use fibre_distance::FibreDistance;
 pub(crate) use kernel::Kernel;
 pub(crate) use kernel::LaneConstraint;
 pub(crate) use lanes::{Lane, Several, SimdWidth};
@@ -126,6 +128,7 @@ macro_rules! constraints {
 
 constraints! {
     distance::Distance<2>,
+    fibre_distance::FibreDistance<2>,
     bending::Bending<4>,
     tetrahedron_volume::TetrahedronVolume<4>,
     anchor::Anchor<1>,

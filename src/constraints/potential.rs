@@ -32,6 +32,8 @@ pub trait Potential: Send + Sync {
     fn force_scale(&self, _x: &[Point3<f64>]) -> f64 {
         0.0
     }
+    /// Sets the shortening of fibres, relative to their length at rest.
+    fn shorten(&mut self, _shortening: f64) {}
     /// State beside the positions; `None` for a part that depends on positions alone.
     fn memory(&self) -> Option<&dyn Memory> {
         None

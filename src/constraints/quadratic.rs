@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::batch::{restore_branches, save_branches};
+use super::batch::{restore_branches, save_branches, shorten};
 use super::lanes::{self, InLanes, Lane, Several, SimdWidth, unrolled};
 use super::potential::{Memory, Potential, positive_part};
 use super::second::Second;
@@ -171,6 +171,10 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
 
     fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
         stencil::force_scale(self.terms(), x)
+    }
+
+    fn shorten(&mut self, shortening: f64) {
+        shorten(&mut self.constraints, shortening);
     }
 
     fn memory(&self) -> Option<&dyn Memory> {

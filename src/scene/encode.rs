@@ -185,6 +185,8 @@ impl Encode for Muscle {
             material,
             attachments,
             fibres,
+            fibre_count,
+            activation,
             forces,
             displacements,
         } = self;
@@ -195,6 +197,8 @@ impl Encode for Muscle {
         to.field("material", material);
         to.field("attachment", attachments);
         to.field("fibres", fibres);
+        to.field("fibre_count", fibre_count);
+        to.field("activation", activation);
         to.field("force", forces);
         to.field("displace", displacements);
     }

@@ -54,6 +54,7 @@ pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
 pub use solvers::{Minimisation, Pbd, Solver, SolverQuestion, SolverSpec, Xpbd};
 pub use study::StudyFile;
+pub(crate) use twist::smooth_step;
 
 use std::path::PathBuf;
 
@@ -210,6 +211,11 @@ pub struct Muscle {
     pub attachments: Vec<AttachmentSpec>,
     /// Polylines along the fibres.
     pub fibres: Option<Source>,
+    /// Number of fibres that are computed between the attachments; `None` for those of `fibres`.
+    pub fibre_count: Option<u32>,
+    /// Shortening of the fibres by activation, relative to their length at rest, by frame. It is smooth
+    /// between two frames, and constant before the first and after the last one.
+    pub activation: Vec<(f64, f64)>,
     /// Constant forces on chosen vertices.
     pub forces: Vec<ScaleForce>,
     /// Displacement of chosen vertices at the start.

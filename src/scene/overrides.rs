@@ -6,8 +6,8 @@
 //! `muscle.*.material.density=1 g/cm3`. The only element of a list needs no name:
 //! `implant.volume=100cc`. A path that begins with a key of `effects`, of the solver in use or of
 //! `solver` can omit the part before it: `contact.friction=0.3`, `substeps=40`. The value is TOML,
-//! but texts need no quotes. `none` or `off` removes a key or a whole section, `on` adds a section
-//! without required keys, and `solver=pbd` changes the solver.
+//! but texts need no quotes. `none` or `off` removes a key, a whole section or an element of a list,
+//! `on` adds a section without required keys, and `solver=pbd` changes the solver.
 
 use super::effects::EffectSpec;
 use super::error::{SceneError, SceneProblem};
@@ -247,6 +247,9 @@ impl Change<'_> {
         {
             return self.table(table, schema, path, &format!("{here}.0"));
         }
+        if rest.is_empty() && matches!(self.value, "none" | "off") {
+            return self.remove(list, first, here);
+        }
         if rest.is_empty() {
             let number = first.text == "*" || first.text.parse::<usize>().is_ok();
             if list.len() == 1
@@ -272,6 +275,19 @@ impl Change<'_> {
             {
                 self.table(table, schema, rest, &format!("{here}.{index}"))?;
             }
+        }
+        Ok(())
+    }
+
+    /// Removes one element of a list, or all of them.
+    fn remove(&self, list: &mut Vec<Node>, segment: &Segment, here: &str) -> Done {
+        match chosen(list, segment) {
+            // The last index first: the others keep theirs.
+            Ok(chosen) => chosen
+                .into_iter()
+                .rev()
+                .for_each(|index| drop(list.remove(index))),
+            Err(problem) => return self.fail(problem, here, &segment.span),
         }
         Ok(())
     }

@@ -13,6 +13,13 @@ use crate::mesh::shapes;
 /// Default share of the vertices that an attachment may contain.
 const LIMIT: f64 = 0.1;
 
+/// Default and greatest number of computed fibres.
+const FIBRES: u32 = 100;
+const MOST_FIBRES: u32 = 10_000;
+
+/// Greatest shortening by activation, relative to the length at rest.
+const MOST_SHORTENED: f64 = 0.5;
+
 /// Reads one muscle with a checked name.
 pub(super) fn muscle(
     section: &Section<'_>,
@@ -30,10 +37,28 @@ pub(super) fn muscle(
         None => Material::default(),
     };
     let attachments = attachments(section, bones)?;
-    let fibres = section
-        .section("fibres")?
-        .map(|s| fibres(&s, &surface))
-        .transpose()?;
+    let (fibres, fibre_count) = match section.section("fibres")? {
+        Some(section) => fibres(&section, &surface)?,
+        None => (None, None),
+    };
+    let mut bones = attachments.iter().map(|a| a.bone);
+    let first = bones.next();
+    if fibre_count.is_some() && bones.all(|bone| Some(bone) == first) {
+        return section.fail(SceneProblem::Missing {
+            what: "attachments to two bones, between which the fibres are computed".to_owned(),
+            add: "`[[muscle.attachment]]` for the other bone".to_owned(),
+        });
+    }
+    let activation = match section.section("activation")? {
+        Some(activated) if fibres.is_none() && fibre_count.is_none() => {
+            return activated.fail(SceneProblem::Missing {
+                what: "fibres to shorten".to_owned(),
+                add: "`[muscle.fibres]` with `method = \"harmonic\"`".to_owned(),
+            });
+        }
+        Some(section) => activation(&section)?,
+        None => Vec::new(),
+    };
     let mut forces = Vec::new();
     for section in section.sections("force")? {
         let vertices = section.need("vertices", "[0]")?.vertices()?;
@@ -69,6 +94,8 @@ pub(super) fn muscle(
         material,
         attachments,
         fibres,
+        fibre_count,
+        activation,
         forces,
         displacements,
     })
@@ -192,18 +219,79 @@ fn patch(item: &Item<'_>, section: &Section<'_>) -> Result<AreaSpec, SceneError>
     })
 }
 
-/// `lines` with its `unit`, or `shape`: a name, or `true` for that of the muscle.
-fn fibres(section: &Section<'_>, muscle: &Source) -> Result<Source, SceneError> {
+/// The shortening by frame, with rising frames.
+fn activation(section: &Section<'_>) -> Result<Vec<(f64, f64)>, SceneError> {
+    let keys = section.need(
+        "keys",
+        "[{ frame = 0, shortening = \"0 %\" }, { frame = 100, shortening = \"15 %\" }]",
+    )?;
+    let mut all: Vec<(f64, f64)> = Vec::new();
+    for key in section.sections("keys")? {
+        let frame = key.need("frame", "0")?.number(Limit::Within(0.0, 1e9))?;
+        let limit = Limit::Within(0.0, MOST_SHORTENED);
+        let shortening = key.need_quantity("shortening", Dimension::Ratio, limit)?;
+        if all.last().is_some_and(|(before, _)| frame <= *before) {
+            return key.need("frame", "0")?.fail(SceneProblem::OutOfRange {
+                found: format!("{frame}"),
+                allowed: "a later frame than that of the key before".to_owned(),
+            });
+        }
+        all.push((frame, shortening));
+    }
+    if all.is_empty() {
+        return keys.fail(SceneProblem::EmptyList {
+            expected: "at least one key".to_owned(),
+        });
+    }
+    Ok(all)
+}
+
+/// The source of fibres, or the number of fibres to compute: `lines` with its `unit`; `shape`, a name
+/// or `true` for that of the muscle; or `method` with a `count`.
+fn fibres(
+    section: &Section<'_>,
+    muscle: &Source,
+) -> Result<(Option<Source>, Option<u32>), SceneError> {
     section.exclusive("lines", "shape")?;
+    section.exclusive("lines", "method")?;
+    section.exclusive("shape", "method")?;
+    if let Some(item) = section.get("method") {
+        section.exclusive("method", "unit")?;
+        let name = item.text("harmonic")?;
+        if name != "harmonic" {
+            return item.fail(super::parse::unknown_name(
+                "method",
+                name,
+                ["harmonic"].into_iter(),
+            ));
+        }
+        let count = section
+            .get("count")
+            .map_or(Ok(FIBRES), |i| i.whole(1, MOST_FIBRES))?;
+        return Ok((None, Some(count)));
+    }
+    if let (Some(item), None) = (section.get("count"), section.get("method")) {
+        return item.fail(SceneProblem::missing("method", "`method = \"harmonic\"`"));
+    }
     if let Some(item) = section.get("lines") {
-        return file(&item, section);
+        return Ok((Some(file(&item, section)?), None));
     }
     let Some(item) = section.get("shape") else {
         return section.fail(SceneProblem::Missing {
             what: "the fibres' source".to_owned(),
-            add: "`lines = \"FILE\"` with its `unit`, or `shape = true`".to_owned(),
+            add: "`method = \"harmonic\"`, `lines = \"FILE\"` with its `unit`, or `shape = true`"
+                .to_owned(),
         });
     };
+    fibres_of_shape(&item, section, muscle).map(|source| (Some(source), None))
+}
+
+/// `shape`: a name, or `true` for that of the muscle.
+fn fibres_of_shape(
+    item: &Item<'_>,
+    section: &Section<'_>,
+    muscle: &Source,
+) -> Result<Source, SceneError> {
     section.exclusive("shape", "unit")?;
     match (&item.node.value, muscle) {
         (Value::Boolean(true), Source::Shape(name))
@@ -218,6 +306,6 @@ fn fibres(section: &Section<'_>, muscle: &Source) -> Result<Source, SceneError> 
                 shapes::FIBRE_NAMES.join(", ")
             ),
         }),
-        _ => shape(&item, shapes::FIBRE_NAMES),
+        _ => shape(item, shapes::FIBRE_NAMES),
     }
 }

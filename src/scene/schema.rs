@@ -204,6 +204,7 @@ pub(super) const MUSCLE: Schema = Schema::Listed(&[
     ("material", Kind::Table(&MATERIAL)),
     ("attachment", List(&ATTACHMENT)),
     ("fibres", Kind::Table(&FIBRES)),
+    ("activation", Kind::Table(&ACTIVATION)),
     ("force", List(&FORCE)),
     ("displace", List(&DISPLACE)),
 ]);
@@ -227,7 +228,17 @@ const ATTACHMENT: Schema = Schema::Listed(&[
     ("limit", Plain),
 ]);
 
-const FIBRES: Schema = Schema::Listed(&[("lines", Text), ("unit", Text), ("shape", Plain)]);
+const FIBRES: Schema = Schema::Listed(&[
+    ("lines", Text),
+    ("unit", Text),
+    ("shape", Plain),
+    ("method", Text),
+    ("count", Plain),
+]);
+
+const ACTIVATION: Schema = Schema::Listed(&[("keys", List(&SHORTENING))]);
+
+const SHORTENING: Schema = Schema::Listed(&[("frame", Plain), ("shortening", Text)]);
 
 const FORCE: Schema = Schema::Listed(&[("vertices", Plain), ("force", Plain)]);
 

@@ -9,7 +9,7 @@ use super::motion::{SMALLEST_SINE, turn};
 const LEAST_ANGLE: f64 = 1e-7;
 
 /// The blend from 0 to 1 whose first two derivatives vanish at both ends.
-pub(super) fn smooth_step(share: f64) -> f64 {
+pub(crate) fn smooth_step(share: f64) -> f64 {
     share * share * share * (10.0 + share * (6.0 * share - 15.0))
 }
 

@@ -13,8 +13,10 @@ use given::{displace, forces, hold};
 
 use super::FrameSteps;
 use super::assets::Assets;
+use super::contraction::Contraction;
 use super::equilibrium::Equilibrium;
 use super::fault::{Fault, LoadError};
+use super::fibres::{self, Ends};
 use super::plan::MusclePlan;
 use super::ready::Rest;
 use super::tracked::Tracked;
@@ -64,6 +66,8 @@ pub struct Body {
     pub attached: Vec<Attached>,
     /// Fibres bound to the surface.
     pub fibres: BoundLines,
+    /// Shortening of the fibres.
+    pub(super) contraction: Contraction,
     /// Measures of the removal of overlap.
     pub untangled: Untangled,
     /// Target volume [m^3]; 0 without a volume constraint.
@@ -108,10 +112,23 @@ impl Body {
         let (edges, edge_stiffness) =
             edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
         let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
-        let fibres = rest.fibres(&asset.fibres, &points);
+        let unfit = |fault| {
+            let (key, part) = (
+                format!("muscle.{m}.fibres"),
+                format!("muscle `{}`", muscle.name),
+            );
+            LoadError::new(scene, &key, part, fault)
+        };
+        let ends = Ends::of(mesh, &attached);
+        let fibres =
+            fibres::of_muscle(muscle, asset, &rest, ends.as_ref(), &points).map_err(unfit)?;
+        let contraction =
+            Contraction::new(scene, muscle, plan, &rest, &edges, &fibres, (ends, placed))
+                .map_err(unfit)?;
         system.held = hold(&attached, mesh, placed);
         system.forces = forces(scene, m, mesh.vertices.len())?;
-        let mut builder = Builder::new(scene, m, plan, &rest, &edges, &edge_stiffness, &fibres);
+        let both = (edges.as_slice(), contraction.edges());
+        let mut builder = Builder::new(scene, m, plan, &rest, both, &edge_stiffness, &fibres);
         builder.build();
         let (rest_volume, target_volume) = (builder.rest_volume, builder.target_volume);
         (system.volume, system.elastic) = (builder.volume, builder.elastic);
@@ -133,6 +150,7 @@ impl Body {
             method,
             attached,
             fibres: fibres.bound.clone(),
+            contraction,
             untangled,
             target_volume,
             rest_volume,
@@ -227,6 +245,7 @@ impl Body {
             method,
             attached: _,
             fibres: _,
+            contraction,
             untangled: _,
             target_volume: _,
             rest_volume: _,
@@ -252,6 +271,7 @@ impl Body {
         if let Stepper::Minimum(equilibrium) = method {
             equilibrium.save(to);
         }
+        contraction.save(to);
         to.put(stopped);
         // A frame ends with both equal, unless particles were moved since.
         let differs = !same_bits(good, &system.particles);
@@ -273,6 +293,7 @@ impl Body {
         if let Some(equilibrium) = self.equilibrium_mut() {
             equilibrium.restore(from)?;
         }
+        self.contraction.restore(from)?;
         self.stopped = from.take()?;
         if from.take()? {
             self.good.restore(from)?;

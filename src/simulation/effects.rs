@@ -2,7 +2,7 @@
 
 use super::body::Builder;
 use super::plan::{Planner, obstacle, swept};
-use crate::constraints::EnclosedVolume;
+use crate::constraints::{Constraint, EnclosedVolume};
 use crate::fibres::anisotropy;
 use crate::scene::{ContactPartners, EffectSpec};
 use crate::solvers::stiffness;
@@ -32,7 +32,7 @@ pub(super) enum Scope {
 }
 
 /// Every effect, in the order of planning and building.
-pub(super) static MODELS: [EffectModel; 7] = [
+pub(super) static MODELS: [EffectModel; 8] = [
     EffectModel {
         key: "stretch",
         scope: Scope::Muscle,
@@ -66,6 +66,14 @@ pub(super) static MODELS: [EffectModel; 7] = [
         // The stiffness of each edge contains it from the start: no own memory, no own time.
         nanoseconds: 0.0,
         plan: plan_anisotropy,
+        build: None,
+    },
+    EffectModel {
+        key: "tone",
+        scope: Scope::Muscle,
+        // It changes the rest lengths of edges: no own memory, no own time.
+        nanoseconds: 0.0,
+        plan: plan_tone,
         build: None,
     },
     EffectModel {
@@ -112,7 +120,7 @@ fn plan_anisotropy(planner: &mut Planner<'_>) {
     let strength = planner.scene.effects.anisotropy.map_or(0.0, |a| a.strength);
     let why = if strength == 0.0 {
         "its strength is zero"
-    } else if planner.asset().fibres.is_empty() {
+    } else if !planner.has_fibres() {
         "the muscle has no fibres"
     } else if !planner.runs("stretch") {
         "it scales stretch, which is left out"
@@ -121,6 +129,24 @@ fn plan_anisotropy(planner: &mut Planner<'_>) {
         return planner.run("anisotropy", edges, 0);
     };
     planner.leave("anisotropy", why);
+}
+
+fn plan_tone(planner: &mut Planner<'_>) {
+    let why = if planner.scene.effects.tone == Some(0.0) {
+        "its stress is zero"
+    } else if !planner.has_fibres() {
+        "the muscle has no fibres"
+    } else if !planner.runs("stretch") {
+        "it shortens what stretch holds, which is left out"
+    } else if !planner.is_held_by_two_bones() {
+        "fewer than two bones hold the muscle"
+    } else if planner.scene.solver.has_classic_stiffness() {
+        "classic PBD has no stiffness in N/m against which a stress acts"
+    } else {
+        let edges = planner.edges;
+        return planner.run("tone", edges, 0);
+    };
+    planner.leave("tone", why);
 }
 
 fn plan_contact(planner: &mut Planner<'_>) {
@@ -210,15 +236,22 @@ fn plan_damping(planner: &mut Planner<'_>) {
 }
 
 fn build_stretch(builder: &mut Builder<'_>) {
+    if builder.contracting.is_empty() {
+        build_edges(builder, builder.edges);
+    } else {
+        build_edges(builder, builder.contracting);
+    }
+}
+
+fn build_edges<C: Constraint<2> + 'static>(builder: &mut Builder<'_>, all: &[C]) {
     let factors = stretch_factors(builder);
     if let Some(share) = builder.scene.solver.share("stretch") {
         let relaxation: Vec<f64> = factors.iter().map(|f| f * share).collect();
-        let edges = builder.edges.to_vec();
-        return builder.add_relaxed(edges, &relaxation);
+        return builder.add_relaxed(all.to_vec(), &relaxation);
     }
     let (mut edges, mut stiffness) = (Vec::new(), Vec::new());
     let weighed = builder.edge_stiffness.iter().zip(&factors);
-    for (edge, (k, factor)) in builder.edges.iter().zip(weighed) {
+    for (edge, (k, factor)) in all.iter().zip(weighed) {
         // An edge without stiffness (parallel to a fibre, at full strength) is no constraint.
         if k * factor > 0.0 {
             edges.push(*edge);

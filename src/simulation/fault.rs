@@ -109,6 +109,22 @@ pub enum Fault {
     /// E079: a spring system cannot run to rest.
     #[error(transparent)]
     Springs(#[from] SpringsModelError),
+    /// E081: fibres cannot be computed between the attachments.
+    #[error("no fibres between its attachments: {why}")]
+    NoFibres {
+        /// The cause.
+        why: String,
+    },
+    /// E082: a tone that stretches the surface too much.
+    #[error("a tone of {stress} Pa stretches its fibres by {percent:.0} %, more than {most:.0} %")]
+    TooMuchTone {
+        /// The stress [Pa].
+        stress: f64,
+        /// The stretch, and the greatest one [%].
+        percent: f64,
+        /// The greatest one [%].
+        most: f64,
+    },
     /// E080: two surfaces that cannot be parted at the start.
     #[error(transparent)]
     Inseparable(#[from] Inseparable),
@@ -136,6 +152,8 @@ impl Fault {
             Self::Lattice(_) => "E077",
             Self::Springs(_) => "E079",
             Self::Inseparable(_) => "E080",
+            Self::NoFibres { .. } => "E081",
+            Self::TooMuchTone { .. } => "E082",
         }
     }
 
@@ -167,6 +185,9 @@ impl Fault {
             Self::Skin(error) => error.help().to_owned(),
             Self::Lattice(_) => "change `stiffness`, `mass`, `damping` or `frame_rate`".to_owned(),
             Self::Springs(error) => error.help().to_owned(),
+            Self::NoFibres { .. } => "give lines along the fibres (`lines = \"FILE\"`), or correct the attachments"
+                .to_owned(),
+            Self::TooMuchTone { .. } => "lower `stress` in [effects.tone], or raise `stretch` in [muscle.material]".to_owned(),
             Self::Inseparable(_) => "check that both meshes belong together and their units are right (`pliant check A B` \
                 shows where they overlap), or leave [effects.contact] out".to_owned(),
         }

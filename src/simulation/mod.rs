@@ -7,10 +7,12 @@ pub(crate) mod body;
 mod bonds;
 pub mod checkpoint;
 mod contact_comparison;
+mod contraction;
 mod effects;
 pub(crate) mod equilibrium;
 pub(crate) mod tracked;
 mod fault;
+mod fibres;
 mod ready;
 mod joint;
 pub(crate) mod lattice;
@@ -560,7 +562,7 @@ fn step_body(body: &mut Body, of: &FrameSteps<'_>) {
         equilibrium.begin_frame();
     }
     for (step, placed) in of.steps.iter().enumerate() {
-        body.press(of, step);
+        body.prepare(of, step);
         if let Err(broken) = body.step(placed, of) {
             body.stop(of.frame, broken);
         }

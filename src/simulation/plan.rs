@@ -218,6 +218,19 @@ impl<'a> Planner<'a> {
         &self.assets.muscles[self.m]
     }
 
+    /// Whether the muscle has fibres.
+    pub fn has_fibres(&self) -> bool {
+        self.scene.muscles[self.m].has_fibres(self.asset())
+    }
+
+    /// Whether two bones hold the muscle.
+    pub fn is_held_by_two_bones(&self) -> bool {
+        let attachments = &self.scene.muscles[self.m].attachments;
+        let mut bones = attachments.iter().map(|attachment| attachment.bone);
+        let first = bones.next();
+        bones.any(|bone| Some(bone) != first)
+    }
+
     /// Whether an effect was decided to run.
     pub fn runs(&self, effect: &str) -> bool {
         self.decided.runs(effect)

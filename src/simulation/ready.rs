@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
 use super::attachments::Attached;
+use super::fibres;
 use crate::contact::apart::{self, Gaps, Inseparable, Moved, PartedPair, RigidBody, SoftBody};
 use crate::contact::capsule::Capsule;
 use crate::contact::untangle::{self, Untangled};
@@ -321,6 +322,7 @@ pub(super) struct Rest {
     surface: Once<Surface>,
     near: Kept<Near>,
     fibres: Kept<Fibres>,
+    computed: Kept<Computed>,
 }
 
 impl Rest {
@@ -332,6 +334,7 @@ impl Rest {
             surface: Once::default(),
             near: Kept::new(obstacles),
             fibres: Kept::new(1),
+            computed: Kept::new(1),
         }
     }
 
@@ -380,6 +383,19 @@ impl Rest {
         })
     }
 
+    /// Fibres computed from one area to the other.
+    pub fn computed(&self, areas: [Vec<u32>; 2], count: usize) -> Arc<Computed> {
+        let is = |kept: &Computed| kept.areas == areas && kept.count == count;
+        self.computed.get(is, || {
+            let lines = fibres::compute(&self.mesh, &areas, count);
+            Computed {
+                areas: areas.clone(),
+                count,
+                lines,
+            }
+        })
+    }
+
     /// Polylines bound to the shape, and the edges `points` with their cosines to the fibres.
     pub fn fibres(&self, lines: &[Vec<Point3<f64>>], points: &[[u32; 2]]) -> Arc<Fibres> {
         self.fibres.get(
@@ -418,6 +434,14 @@ impl Near {
             .is_guard_inside
             .get(|| untangle::is_sample_inside(&of.surface(), &*self.obstacle, &self.pose))
     }
+}
+
+/// Computed fibres.
+pub(super) struct Computed {
+    areas: [Vec<u32>; 2],
+    count: usize,
+    /// The fibres [m], or the reason why there are none.
+    pub lines: Result<Vec<Vec<Point3<f64>>>, String>,
 }
 
 /// A muscle's fibres.

@@ -221,9 +221,32 @@ impl Body {
         (volume.value(&self.system.particles.position) / volume.target()).abs()
     }
 
+    /// Sets what changes with time in a step: the shortening of fibres, and a volume under pressure.
+    pub(super) fn prepare(&mut self, of: &FrameSteps<'_>, step: usize) {
+        if let (0, Some(placed)) = (step, of.steps.last()) {
+            let particles = &self.system.particles;
+            let (x, w) = (&particles.position, &particles.inverse_mass);
+            self.contraction.begin_frame(x, w, placed);
+        }
+        let done = (step + 1) as f64 / of.steps.len() as f64;
+        if let Some(shortening) = self.contraction.at((of.frame - 1) as f64 + done, done) {
+            self.shorten(shortening);
+        }
+        self.press(of, step);
+    }
+
+    fn shorten(&mut self, shortening: f64) {
+        let swept = self.system.elastic.iter_mut();
+        swept.for_each(|part| part.shorten(shortening));
+        if let Some(equilibrium) = self.equilibrium_mut() {
+            let parts = equilibrium.energy_mut().elastic.iter_mut();
+            parts.for_each(|part| part.shorten(shortening));
+        }
+    }
+
     /// In the first frame a volume that sweeps keep goes to its target in equal parts, one a step: in
     /// the time of one short step no solver makes a body twice as large.
-    pub(super) fn press(&mut self, of: &FrameSteps<'_>, step: usize) {
+    fn press(&mut self, of: &FrameSteps<'_>, step: usize) {
         let is_due = of.frame == 1 && matches!(self.method, Stepper::Sweeps);
         let Some(volume) = self.system.volume.as_mut().filter(|_| is_due) else {
             return;

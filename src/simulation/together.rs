@@ -255,7 +255,7 @@ impl Group {
             meeting.begin_frame(&positions(bodies), first);
         }
         for (number, placed) in of.steps.iter().enumerate() {
-            moving(bodies).for_each(|body| body.press(of, number));
+            moving(bodies).for_each(|body| body.prepare(of, number));
             match &mut self.joint {
                 None => step(meeting, bodies, placed, of),
                 Some(joint) => joint_step(joint, meeting, bodies, placed, of),

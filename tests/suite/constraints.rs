@@ -4,8 +4,8 @@
 use nalgebra::{Point3, Vector3};
 use pliant::Particles;
 use pliant::constraints::{
-    Bending, Bond, Constraint, Distance, KINDS, Project, Scalar, SweepOrder, TetrahedronVolume,
-    TriangleContact, for_each_kind,
+    Bending, Bond, Constraint, Distance, FibreDistance, KINDS, Project, Scalar, SweepOrder,
+    TetrahedronVolume, TriangleContact, for_each_kind,
 };
 use pliant::constraints::{ForEachKind, Parameter, Spec};
 use pliant::mesh::shapes::icosphere;
@@ -119,6 +119,8 @@ fn p10_permuted_points_give_the_same_constraint() {
             rest: 0.3,
         };
         permuted((distance, distance), &x, [1, 0], 1.0).unwrap();
+        let fibre = FibreDistance::new(distance, 0.6).shortened(0.2);
+        permuted((fibre, fibre), &x, [1, 0], 1.0).unwrap();
         let volume = TetrahedronVolume {
             points: [0, 1, 2, 3],
             rest: 0.0,
@@ -169,6 +171,7 @@ fn p10_permuted_points_give_the_same_constraint() {
     // Anchor and plane contact have one point. A new kind must be added above.
     let known = [
         "distance",
+        "fibre distance",
         "bending",
         "tetrahedron volume",
         "anchor",

@@ -35,6 +35,7 @@ struct Wish {
     bending: Asked,
     volume: Asked,
     anisotropy: Asked,
+    tone: Asked,
     contact: Asked,
     gravity: Asked,
     damping: Asked,
@@ -47,6 +48,7 @@ const NOTHING: Wish = Wish {
     bending: Absent,
     volume: Absent,
     anisotropy: Absent,
+    tone: Absent,
     contact: Absent,
     gravity: Absent,
     damping: Absent,
@@ -74,6 +76,7 @@ fn folder() -> &'static PathBuf {
             &[],
         );
         put("far.vtk", &down(box_surface([0.1; 3], 0.05), 1.0), &[]);
+        put("other.vtk", &down(box_surface([0.1; 3], 0.05), 2.0), &[]);
         let points = (-4..=4)
             .map(|i| nalgebra::Point3::new(0.002 * f64::from(i), 0.0, 0.004))
             .collect();
@@ -92,7 +95,11 @@ fn folder() -> &'static PathBuf {
 fn scene(wish: &Wish) -> String {
     let bone = |name: &str| format!("[[bone]]\nname = '{name}'\nmesh = '{name}.vtk'\nunit = 'm'\n");
     let stiffness = |asked: Asked, on: &'static str| if asked == Void { "0" } else { on };
-    let mut toml = format!("frames = 2\nframe_rate = '60 Hz'\n{}", bone("far"));
+    let mut toml = format!(
+        "frames = 2\nframe_rate = '60 Hz'\n{}{}",
+        bone("far"),
+        bone("other")
+    );
     if wish.contact == On {
         toml += &bone("plate");
     }
@@ -103,6 +110,7 @@ fn scene(wish: &Wish) -> String {
     );
     toml += &format!("stretch = '{stretch} N/m'\nbending = '{bending} N m'\n");
     toml += "[[muscle.attachment]]\nbone = 'far'\nvertices = [0, 1]\n";
+    toml += "[[muscle.attachment]]\nbone = 'other'\nvertices = [2]\n";
     if wish.fibres {
         toml += "[muscle.fibres]\nlines = 'fibres.vtk'\nunit = 'm'\n";
     }
@@ -123,6 +131,7 @@ fn scene(wish: &Wish) -> String {
         "strength = 0",
         "strength = 0.5",
     );
+    effect(wish.tone, "tone", "stress = '0 Pa'", "stress = '1 kPa'");
     effect(
         wish.contact,
         "contact",
@@ -218,14 +227,16 @@ fn wish() -> impl Strategy<Value = Wish> {
         asked(),
         asked(),
         asked(),
+        asked(),
         any::<bool>(),
     );
     effects.prop_map(
-        |(stretch, bending, volume, anisotropy, contact, gravity, damping, fibres)| Wish {
+        |(stretch, bending, volume, anisotropy, tone, contact, gravity, damping, fibres)| Wish {
             stretch,
             bending,
             volume,
             anisotropy,
+            tone,
             contact,
             gravity,
             damping,
@@ -238,12 +249,18 @@ fn wish() -> impl Strategy<Value = Wish> {
 /// one, for comparison within that solver.
 fn plain(wish: &Wish) -> Wish {
     let only = |asked: Asked| if asked == On { On } else { Absent };
-    let anisotropy = if wish.fibres && wish.stretch == On {
-        only(wish.anisotropy)
-    } else {
-        Absent
+    let along_fibres = |asked: Asked| match wish.fibres && wish.stretch == On {
+        true => only(asked),
+        false => Absent,
     };
+    let anisotropy = along_fibres(wish.anisotropy);
     let volume = wish.volume;
+    // The classic solver has no stiffness in N/m.
+    let tone = if volume == Void {
+        Absent
+    } else {
+        along_fibres(wish.tone)
+    };
     let [stretch, bending] = [only(wish.stretch), only(wish.bending)];
     let [contact, gravity, damping] = [only(wish.contact), only(wish.gravity), only(wish.damping)];
     Wish {
@@ -251,6 +268,7 @@ fn plain(wish: &Wish) -> Wish {
         bending,
         volume,
         anisotropy,
+        tone,
         contact,
         gravity,
         damping,
@@ -265,8 +283,9 @@ proptest! {
         let plain = plain(&wish);
         let found = traces(&wish);
         prop_assert_eq!(&found, &traces(&plain), "zero or out of reach is not the same as absent");
+        let edges = if plain.tone == On { "fibre distance" } else { "distance" };
         let parts = [
-            (plain.stretch, "stretch", "distance"),
+            (plain.stretch, "stretch", edges),
             (plain.bending, "bending", "bending"),
             (plain.volume, "volume", "volume"),
             (plain.contact, "contact with plate", "contact"),
@@ -275,7 +294,7 @@ proptest! {
             prop_assert_eq!(found.planned.contains_key(in_plan), asked == On, "{} in {:?}", in_plan, found.planned);
             prop_assert_eq!(found.calls.contains_key(in_clock), asked == On, "{} in {:?}", in_clock, found.calls);
         }
-        for (asked, name) in [(plain.anisotropy, "anisotropy"), (plain.gravity, "gravity"), (plain.damping, "damping")] {
+        for (asked, name) in [(plain.anisotropy, "anisotropy"), (plain.tone, "tone"), (plain.gravity, "gravity"), (plain.damping, "damping")] {
             prop_assert_eq!(found.planned.contains_key(name), asked == On, "{} in {:?}", name, found.planned);
             prop_assert_eq!(found.planned.get(name).copied().unwrap_or(0), 0, "{} needs no memory", name);
         }
@@ -290,7 +309,8 @@ proptest! {
     }
 }
 
-/// Negative control: each effect with influence leaves traces that the property would detect.
+/// Negative control: each effect with influence leaves traces that the property would detect. Tone acts
+/// where bones move: see `tone.rs`.
 #[test]
 fn an_effect_that_acts_leaves_a_trace() {
     let moving = Wish {

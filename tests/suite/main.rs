@@ -37,6 +37,7 @@ mod solvers;
 mod springs;
 mod step_control;
 mod tolerances;
+mod tone;
 
 /// Value of an environment variable; `PLIANT_DATA` that is not set is the folder `shared/data` beside the repository.
 fn measured_data(name: &str) -> Option<std::ffi::OsString> {

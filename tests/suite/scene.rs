@@ -326,6 +326,18 @@ fn overrides_change_what_they_name() {
             .fibres
             .is_none()
     );
+    // An element of a list is removed by its name, number or all at once.
+    for path in ["gluteus", "0", "*"] {
+        let left = refused_override("hip", &format!("muscle.{path}=off"));
+        assert!(left.contains("muscle"), "{path}: {left}");
+    }
+    let one = changed("hip", &["muscle.0.attachment.1=off"]);
+    assert_eq!(one.muscles[0].attachments.len(), 1);
+    let whole = changed("hip", &[]);
+    assert_eq!(
+        one.muscles[0].attachments[0],
+        whole.muscles[0].attachments[0]
+    );
     let both = changed("hip", &["muscle.0.attachment.*.limit=2 %"]);
     assert!(both.muscles[0].attachments.iter().all(|a| a.limit == 0.02));
 }
@@ -463,7 +475,7 @@ fn wrong_overrides_name_themselves() {
         (
             "muscle.0=3",
             "error[E068]: muscle: `muscle.0` is a section, not a value; name one of its keys: name, mesh, \
-          shape, unit, repair, close_holes, keep_largest, merge_within, edge_length, material, attachment, fibres, force, displace",
+          shape, unit, repair, close_holes, keep_largest, merge_within, edge_length, material, attachment, fibres, activation, force, displace",
         ),
         (
             "capsule.0.radius=3 mm",

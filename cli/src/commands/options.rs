@@ -21,7 +21,7 @@ Change the scene before it is checked: PATH=VALUE
   --set 'muscle.0.edge_length=3 mm'       an element of a list by number, name, or * for all
   --set implant.volume=100cc              the number may be left out where there is one element
   --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
-  --set effects.contact=off               remove a section or a key (none or off)
+  --set effects.contact=off               remove a section, a key, or an element: muscle.psoas=off
   --set effects.stretch=on                add a section that needs no keys
   --set solver=NAME                       change the solver, with its default settings
 Texts need no quotes. May be given several times; the last one wins.";

@@ -1,7 +1,7 @@
 //! The parts that effects add to a muscle.
 
 use crate::constraints::distance::Distance;
-use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
+use crate::constraints::{Batch, Constraint, EnclosedVolume, FibreDistance, Project};
 use crate::constraints::{Potential, Quadratic};
 use crate::scene::{Muscle, Scene};
 use crate::simulation::effects::MODELS;
@@ -16,6 +16,8 @@ pub(in crate::simulation) struct Builder<'a> {
     pub plan: &'a MusclePlan,
     pub rest: &'a Rest,
     pub edges: &'a [Distance],
+    /// The same edges if fibres shorten; otherwise none.
+    pub contracting: &'a [FibreDistance],
     /// Stiffness of the edges [N/m].
     pub edge_stiffness: &'a [f64],
     pub fibres: &'a Fibres,
@@ -40,7 +42,7 @@ impl<'a> Builder<'a> {
         m: usize,
         plan: &'a MusclePlan,
         rest: &'a Rest,
-        edges: &'a [Distance],
+        (edges, contracting): (&'a [Distance], &'a [FibreDistance]),
         edge_stiffness: &'a [f64],
         fibres: &'a Fibres,
     ) -> Self {
@@ -56,6 +58,7 @@ impl<'a> Builder<'a> {
             plan,
             rest,
             edges,
+            contracting,
             edge_stiffness,
             fibres,
             loaded: loaded_vertices(muscle),

@@ -81,6 +81,8 @@ impl Fingerprint {
             material,
             attachments,
             fibres: _,
+            fibre_count: _,
+            activation,
             forces,
             displacements,
         } = muscle;
@@ -107,6 +109,7 @@ impl Fingerprint {
             format!("the fibres of muscle `{name}`"),
             &body.fibres.at(&body.rest.vertices),
         );
+        self.add(format!("the activation of muscle `{name}`"), activation);
         self.add(format!("the forces on muscle `{name}`"), forces);
         self.add(
             format!("the displacements of muscle `{name}`"),

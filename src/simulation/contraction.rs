@@ -1,0 +1,345 @@
+//! Shortening of the fibres of a muscle over time, by activation and by tone.
+//!
+//! A surface keeps its length, so a muscle that shortens would buckle. A living muscle does not: its
+//! fibres keep some tension. Activation shortens the rest lengths along the fibres as the scene says.
+//! Tone shortens them as far as the fibres have become shorter, and by the strain at which the stress of
+//! the scene acts. It ends where the fibres are stretched by this strain. The muscle was measured under
+//! its tone, so tone acts only in other poses of its bones.
+
+use nalgebra::Point3;
+
+use super::fault::Fault;
+use super::fibres::Ends;
+use super::ready::{Fibres, Rest};
+use crate::constraints::distance::Distance;
+use crate::constraints::{Constraint, FibreDistance};
+use crate::contact::PosedObstacle;
+use crate::scene::{Muscle, Scene, smooth_step};
+use crate::simulation::plan::MusclePlan;
+use crate::state::{DecodeError, Reader, State, Writer};
+
+/// Greatest strain of tone. A surface that is stretched more has another shape at rest.
+const MOST_STRAIN: f64 = 0.25;
+
+/// Greatest shortening by tone; muscles shorten by half at most.
+const MOST: f64 = 0.5;
+
+/// Tone is whole where one end has moved from the other by this share of its strain, relative to their
+/// distance: later, the fibres could buckle before.
+const WHOLE_FROM: f64 = 0.5;
+
+/// Exponent of the cosine: the share of an edge is the square.
+const SQUARE: i32 = 2;
+
+/// A determinant below this share of the squared sum of lengths: all edges have one direction.
+const SINGULAR: f64 = 1e-6;
+
+/// The shortening of a muscle's fibres.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Contraction {
+    /// The edges, with their shares of the shortening; empty without activation and tone.
+    edges: Vec<FibreDistance>,
+    /// Shortening by activation, by frame.
+    keys: Vec<(f64, f64)>,
+    /// Strain of the fibres under tone; `None` without tone.
+    strain: Option<f64>,
+    /// The bones at both ends.
+    bones: [usize; 2],
+    /// The centre of the second end in its bone, and at rest in that of the first end [m].
+    end: [Point3<f64>; 2],
+    /// Distance of both ends at rest [m].
+    chord: f64,
+    /// Shortening by tone at the start and at the end of the present frame.
+    tone: [f64; 2],
+}
+
+impl Contraction {
+    /// The shortening of a muscle; `edges` are at rest.
+    ///
+    /// # Errors
+    /// A tone that stretches the muscle too much.
+    pub(super) fn new(
+        scene: &Scene,
+        muscle: &Muscle,
+        plan: &MusclePlan,
+        rest: &Rest,
+        edges: &[Distance],
+        fibres: &Fibres,
+        (ends, placed): (Option<Ends>, &[PosedObstacle]),
+    ) -> Result<Self, Fault> {
+        let has_tone = plan.runs("tone");
+        if !plan.runs("stretch") || !has_tone && muscle.activation.is_empty() {
+            return Ok(Self::default());
+        }
+        let cosines = fibres.cosines(rest);
+        let along = |(edge, cosine): (&Distance, &Option<f64>)| {
+            FibreDistance::new(*edge, cosine.map_or(0.0, |cosine| cosine.powi(SQUARE)))
+        };
+        let stress = scene.effects.tone.filter(|_| has_tone);
+        let strain = stress.map(|stress| {
+            // Stress times cross-section is the tension of the surface times its girth.
+            let width = rest.mesh.volume() / rest.mesh.area();
+            stress * width / muscle.material.stretch
+        });
+        if let (Some(stress), Some(strain)) = (stress, strain)
+            && !(strain <= MOST_STRAIN)
+        {
+            let [percent, most] = [100.0 * strain, 100.0 * MOST_STRAIN];
+            return Err(Fault::TooMuchTone {
+                stress,
+                percent,
+                most,
+            });
+        }
+        let ends = ends.unwrap_or_default();
+        Ok(Self {
+            edges: edges.iter().zip(&*cosines).map(along).collect(),
+            keys: muscle.activation.clone(),
+            strain,
+            chord: (ends.centres[1] - ends.centres[0]).norm(),
+            end: ends
+                .bones
+                .map(|b| placed[b].now.inverse_transform_point(&ends.centres[1])),
+            bones: ends.bones,
+            tone: [0.0; 2],
+        })
+    }
+
+    /// The edges, with their shares of the shortening; empty without activation and tone.
+    pub(super) fn edges(&self) -> &[FibreDistance] {
+        &self.edges
+    }
+
+    /// Begins a frame at positions `x` [m]; `placed` are the obstacles at its end.
+    pub(super) fn begin_frame(
+        &mut self,
+        x: &[Point3<f64>],
+        inverse_mass: &[f64],
+        placed: &[PosedObstacle],
+    ) {
+        let Some(strain) = self.strain else { return };
+        let [first, last] = self.bones.map(|bone| placed[bone].now);
+        let moved = first.inverse_transform_point(&(last * self.end[1])) - self.end[0];
+        let share = moved.norm() / (WHOLE_FROM * strain * self.chord);
+        let share = smooth_step(share.min(1.0));
+        // An edge between two held vertices does not show what the fibres do.
+        let is_free =
+            |e: &&FibreDistance| e.points().iter().any(|&p| inverse_mass[p as usize] > 0.0);
+        let length = 1.0 + fibre_strain(self.edges.iter().filter(is_free), x);
+        let slack = (1.0 - length / (1.0 + strain)).clamp(0.0, MOST);
+        // Without a number, the shortening stays.
+        let end = Some(share * slack).filter(|end| !end.is_nan());
+        self.tone = [self.tone[1], end.unwrap_or(self.tone[1])];
+    }
+
+    /// The shortening at a time [frames], when the share `done` of the present frame has passed; `None`
+    /// without activation and tone.
+    pub(super) fn at(&self, time: f64, done: f64) -> Option<f64> {
+        let [from, to] = self.tone;
+        let tone = from + done * (to - from);
+        (!self.edges.is_empty()).then(|| tone.max(activation(&self.keys, time)))
+    }
+}
+
+/// The shortening by activation at a time [frames].
+fn activation(keys: &[(f64, f64)], time: f64) -> f64 {
+    let next = keys.partition_point(|(frame, _)| *frame <= time);
+    let before = next.checked_sub(1).map(|k| keys[k]);
+    match (before, keys.get(next).copied()) {
+        (None, None) => 0.0,
+        (Some((_, only)), None) | (None, Some((_, only))) => only,
+        (Some((start, from)), Some((end, to))) => {
+            from + smooth_step((time - start) / (end - start)) * (to - from)
+        }
+    }
+}
+
+/// The mean strain along the fibres: that which explains the strains of the edges best, beside one
+/// across the fibres, by least squares over the lengths of the edges. 0 if no edge has both.
+fn fibre_strain<'a>(edges: impl Iterator<Item = &'a FibreDistance>, x: &[Point3<f64>]) -> f64 {
+    let [mut aa, mut ac, mut cc, mut ar, mut cr, mut all] = [0.0; 6];
+    for edge in edges {
+        let [p, q] = edge.points().map(|p| x[p as usize]);
+        let (along, across) = (edge.along(), 1.0 - edge.along());
+        // The change of length is the strain times the length.
+        let change = (p - q).norm() - edge.rest();
+        aa += along * along * edge.rest();
+        ac += along * across * edge.rest();
+        cc += across * across * edge.rest();
+        ar += along * change;
+        cr += across * change;
+        all += edge.rest();
+    }
+    let determinant = aa * cc - ac * ac;
+    if determinant <= SINGULAR * all * all {
+        return 0.0;
+    }
+    (ar * cc - cr * ac) / determinant
+}
+
+impl State for Contraction {
+    fn save(&self, to: &mut Writer) {
+        let Self {
+            edges: _,
+            keys: _,
+            strain: _,
+            bones: _,
+            end: _,
+            chord: _,
+            tone: [_, tone],
+        } = self;
+        to.put(tone);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
+        let tone: f64 = from.take()?;
+        self.tone = [tone; 2];
+        from.check(
+            (0.0..=MOST).contains(&tone),
+            "a shortening that no muscle has",
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::mesh::TriangleMesh;
+    use crate::mesh::shapes::{icosphere, tube};
+    use crate::mesh::topology::Topology;
+    use crate::scene::{Surroundings, parse_with};
+    use crate::simulation::Simulation;
+    use crate::testing::Scratch;
+
+    #[test]
+    fn activation_is_smooth_between_its_keys_and_constant_outside_them() {
+        let keys = [(10.0, 0.1), (20.0, 0.3), (40.0, 0.0)];
+        let at = |time: f64| activation(&keys, time);
+        assert_eq!(
+            [0.0, 10.0, 20.0, 40.0, 99.0].map(at),
+            [0.1, 0.1, 0.3, 0.0, 0.0]
+        );
+        assert!((at(15.0) - 0.2).abs() <= 1e-15);
+        // No speed at a key; control: there is one between keys.
+        let speed = |time: f64| (at(time + 1e-4) - at(time - 1e-4)) / 2e-4;
+        assert!(speed(20.0).abs() <= 1e-7 && speed(15.0) > 0.03);
+        assert_eq!(activation(&[], 3.0), 0.0);
+    }
+
+    #[test]
+    fn the_strain_of_a_stretched_body_is_found_along_its_fibres() {
+        let mesh = icosphere(0.05, 2);
+        let fibre = Vector3::new(2.0, -1.0, 0.5).normalize();
+        let x = &mesh.vertices;
+        let edge = |&[a, b]: &[u32; 2]| {
+            let along = x[b as usize] - x[a as usize];
+            let rest = along.norm();
+            let edge = Distance {
+                points: [a, b],
+                rest,
+            };
+            FibreDistance::new(edge, (along.dot(&fibre) / rest).powi(SQUARE))
+        };
+        let edges: Vec<FibreDistance> = Topology::new(&mesh).edges.iter().map(edge).collect();
+        let stretched = |along: f64, across: f64| -> Vec<Point3<f64>> {
+            let each = x.iter().map(|p| {
+                let part = fibre * p.coords.dot(&fibre);
+                Point3::from(part * (1.0 + along) + (p.coords - part) * (1.0 + across))
+            });
+            each.collect()
+        };
+        for (along, across) in [(0.01, 0.0), (-0.01, 0.005), (0.0, 0.01)] {
+            let found = fibre_strain(edges.iter(), &stretched(along, across));
+            // The error is of second order in the strains.
+            assert!((found - along).abs() <= 1e-4, "{along} {across}: {found}");
+        }
+        assert_eq!(fibre_strain(edges.iter().take(1), x), 0.0);
+        let none = [edges[0]; 3];
+        assert_eq!(fibre_strain(none.iter(), &stretched(0.1, 0.0)), 0.0);
+    }
+
+    /// A straight muscle of 2 cm by 10 cm between two plates that approach each other by 5 mm, under a
+    /// tone [kPa].
+    fn held(stress: f64, stiffness: f64) -> Result<Simulation, String> {
+        let scratch = Scratch::folder();
+        let put = |name: &str, mesh: &TriangleMesh| {
+            let encoding = crate::io::Encoding::Text;
+            crate::io::write(&scratch.join(name), mesh, &[], encoding).expect("a mesh");
+        };
+        put("muscle.vtk", &tube(0.01, 0.1, 16));
+        put(
+            "plate.vtk",
+            &crate::mesh::shapes::box_surface([0.01, 0.04, 0.04], 0.02),
+        );
+        let plate = |name: &str, from: f64, to: f64| {
+            format!(
+                "[[bone]]\nname = '{name}'\nmesh = 'plate.vtk'\nunit = 'm'\n[bone.motion]\n\
+                 keys = [{{ frame = 0, translation = ['{from} m', '0 m', '0 m'] }},
+                 {{ frame = 20, translation = ['{to} m', '0 m', '0 m'] }}]\n"
+            )
+        };
+        let text = format!(
+            "frames = 40\nframe_rate = '60 Hz'\n{}{}[[muscle]]\nname = 'm'\nmesh = 'muscle.vtk'\nunit = 'm'
+            [muscle.material]\nstretch = '{stiffness} N/m'
+            [[muscle.attachment]]\nbone = 'low'\nnear = '0.2 mm'\nlimit = '20 %'
+            [[muscle.attachment]]\nbone = 'high'\nnear = '0.2 mm'\nlimit = '20 %'
+            [muscle.fibres]\nmethod = 'harmonic'\n[effects.stretch]\n[effects.volume]
+            [effects.tone]\nstress = '{stress} kPa'\n[solver.quasi_static]\n",
+            plate("low", -0.0551, -0.0551),
+            plate("high", 0.0551, 0.0501),
+        );
+        let around = Surroundings {
+            folder: &scratch,
+            variable: &|_| None,
+            overrides: &[],
+        };
+        let scene = parse_with(&text, "tone.toml", &around).map_err(|e| e.terse())?;
+        Simulation::new(scene).map_err(|e| e.to_string())
+    }
+
+    /// The force along x on the held vertices of one end [N], by the muscle and its pressure.
+    fn pull(sim: &mut Simulation) -> f64 {
+        let body = &mut sim.bodies[0];
+        let x = body.system.particles.position.clone();
+        let low: Vec<u32> = body
+            .attached
+            .iter()
+            .filter(|a| a.1 == 0)
+            .map(|a| a.0)
+            .collect();
+        let equilibrium = body.equilibrium_mut().expect("an equilibrium");
+        let pressure = equilibrium.outcome.pressure;
+        let energy = equilibrium.energy_mut();
+        let mut gradient = vec![Vector3::zeros(); x.len()];
+        for part in &energy.elastic {
+            part.energy_and_gradient(&x, &mut gradient);
+        }
+        for volume in &energy.volumes {
+            for (v, g) in volume.value_and_gradient(&x).1.iter().enumerate() {
+                gradient[v] -= g * pressure;
+            }
+        }
+        -low.iter().map(|&v| gradient[v as usize].x).sum::<f64>()
+    }
+
+    /// The surface that becomes shorter and wider resists as well, at any tone alike.
+    #[test]
+    fn a_tone_pulls_with_its_stress_times_the_cross_section() {
+        let area = std::f64::consts::PI * 0.01 * 0.01;
+        let mut pull = |stress: f64| {
+            let mut sim = held(stress, 300.0).expect("a muscle");
+            (0..40).for_each(|_| sim.step_frame());
+            pull(&mut sim)
+        };
+        let pulls = [0.5, 1.0, 2.0].map(&mut pull);
+        for (more, less, stress) in [(1, 0, 500.0), (2, 1, 1000.0)] {
+            let share = (pulls[more] - pulls[less]) / (stress * area);
+            assert!((0.8..=1.1).contains(&share), "{pulls:?}");
+        }
+        // A stress that the surface cannot bear is refused.
+        let refused = held(1.0, 10.0).err().expect("a refusal");
+        assert!(refused.contains("more than 25 %"), "{refused}");
+    }
+}

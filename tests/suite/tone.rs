@@ -1,0 +1,172 @@
+//! Fibres that shorten: activation and tone in a muscle between two plates that approach each other.
+
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use pliant::io::{Encoding, write};
+use pliant::mesh::shapes::{box_surface, tube};
+use pliant::mesh::{TriangleMesh, measures::max_or_nan};
+use pliant::scene::{Surroundings, parse_with};
+use pliant::simulation::Simulation;
+use pliant::simulation::checkpoint::{Checkpoint, Fingerprint, save};
+
+/// Length and radius of the muscle, and depth of its bow [m].
+const LENGTH: f64 = 0.1;
+const RADIUS: f64 = 0.008;
+const BOW: f64 = 0.004;
+
+/// Frames of the approach, and its share of the length.
+const FRAMES: usize = 60;
+const APPROACH: f64 = 0.15;
+
+/// A tube along x with a small bow, and a plate at each end.
+fn folder() -> &'static PathBuf {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("tone");
+        std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
+        let put = |name: &str, mesh: &TriangleMesh| {
+            write(&folder.join(name), mesh, &[], Encoding::Text).expect("a mesh");
+        };
+        let mut muscle = tube(RADIUS, LENGTH, 12);
+        for x in &mut muscle.vertices {
+            x.y += BOW * (std::f64::consts::PI * x.x / LENGTH).cos();
+        }
+        put("muscle.vtk", &muscle);
+        put("plate.vtk", &box_surface([0.01, 0.04, 0.04], 0.02));
+        folder
+    })
+}
+
+/// The scene with other lines for the muscle, its effects and the solver.
+fn scene(of_muscle: &str, others: &str) -> String {
+    let at = LENGTH / 2.0 + 0.0051;
+    let end = at - APPROACH * LENGTH;
+    format!(
+        "frames = {FRAMES}\nframe_rate = '60 Hz'
+        [[bone]]\nname = 'low'\nmesh = 'plate.vtk'\nunit = 'm'
+        [bone.motion]\nkeys = [{{ frame = 0, translation = ['-{at} m', '0 m', '0 m'] }}]
+        [[bone]]\nname = 'high'\nmesh = 'plate.vtk'\nunit = 'm'
+        [bone.motion]\nkeys = [{{ frame = 0, translation = ['{at} m', '0 m', '0 m'] }},
+        {{ frame = {FRAMES}, translation = ['{end} m', '0 m', '0 m'] }}]
+        [[muscle]]\nname = 'muscle'\nmesh = 'muscle.vtk'\nunit = 'm'
+        [[muscle.attachment]]\nbone = 'low'\nnear = '0.2 mm'\nlimit = '20 %'
+        [[muscle.attachment]]\nbone = 'high'\nnear = '0.2 mm'\nlimit = '20 %'
+        {of_muscle}\n[effects.stretch]\n[effects.bending]\n[effects.volume]
+        [effects.damping]\nrate = '5 1/s'\n{others}"
+    )
+}
+
+const FIBRES: &str = "[muscle.fibres]\nmethod = 'harmonic'\ncount = 40";
+const TONE: &str = "[effects.tone]\nstress = '1 kPa'";
+const SOLVERS: [&str; 3] = [
+    "[solver.xpbd]",
+    "[solver.quasi_static]",
+    "[solver.implicit_euler]",
+];
+
+fn simulation(of_muscle: &str, others: &str) -> Simulation {
+    let around = Surroundings {
+        folder: folder(),
+        variable: &|_| None,
+        overrides: &[],
+    };
+    let parsed = parse_with(&scene(of_muscle, others), "tone.toml", &around);
+    let parsed = parsed.unwrap_or_else(|error| panic!("{}", error.terse()));
+    Simulation::new(parsed).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The state of a simulation: all bits of the particles of its muscle.
+fn bits(sim: &Simulation) -> Vec<u64> {
+    let particles = &sim.bodies[0].system.particles;
+    let each = particles.position.iter().flat_map(|x| x.coords.iter());
+    each.map(|x| x.to_bits()).collect()
+}
+
+/// How far the middle of the muscle is from the line between the plates [m].
+fn bow(sim: &Simulation) -> f64 {
+    let body = &sim.bodies[0];
+    let x = &body.system.particles.position;
+    let middle = body.rest.vertices.iter().enumerate();
+    let inner: Vec<usize> = middle
+        .filter(|(_, x)| x.x.abs() < 0.1 * LENGTH)
+        .map(|(v, _)| v)
+        .collect();
+    assert!(inner.len() > 6);
+    let sum: nalgebra::Vector3<f64> = inner.iter().map(|&v| x[v].coords).sum();
+    let centre = sum / inner.len() as f64;
+    centre.y.hypot(centre.z)
+}
+
+/// The greatest bow over the approach [m].
+fn greatest_bow(of_muscle: &str, others: &str) -> f64 {
+    let mut sim = simulation(of_muscle, others);
+    let bows = (0..FRAMES).map(|_| {
+        sim.step_frame();
+        assert_eq!(sim.bodies[0].stopped, None);
+        bow(&sim)
+    });
+    max_or_nan(bows)
+}
+
+#[test]
+fn a_muscle_under_tone_does_not_buckle() {
+    for solver in SOLVERS {
+        let found = greatest_bow(FIBRES, &format!("{TONE}\n{solver}"));
+        assert!(found <= 1.25 * BOW, "{solver}: {found}");
+        // Control: without tone it buckles.
+        let control = greatest_bow(FIBRES, solver);
+        assert!(control > 2.5 * BOW, "{solver}: {control}");
+    }
+}
+
+#[test]
+fn a_muscle_that_is_activated_as_it_shortens_does_not_buckle() {
+    let keys = format!(
+        "{FIBRES}\n[muscle.activation]\nkeys = [{{ frame = 0, shortening = '0 %' }}, \
+         {{ frame = {FRAMES}, shortening = '17 %' }}]"
+    );
+    let solvers = [SOLVERS[0], SOLVERS[1], "[solver.pbd]\nbending = 0.5"];
+    for solver in solvers {
+        let found = greatest_bow(&keys, solver);
+        assert!(found <= 1.25 * BOW, "{solver}: {found}");
+        let control = greatest_bow(FIBRES, solver);
+        assert!(control > 1.6 * BOW, "{solver}: {control}");
+    }
+}
+
+#[test]
+fn activation_of_nothing_changes_nothing_but_rounding() {
+    let still =
+        format!("{FIBRES}\n[muscle.activation]\nkeys = [{{ frame = 0, shortening = '0 %' }}]");
+    let [mut with, mut without] = [still.as_str(), FIBRES].map(|m| simulation(m, SOLVERS[0]));
+    for _ in 0..5 {
+        with.step_frame();
+        without.step_frame();
+    }
+    assert_eq!(bits(&with), bits(&without));
+    // Control: a shortening of 1 % is seen.
+    let mut short = simulation(&still.replace("0 %", "1 %"), SOLVERS[0]);
+    (0..5).for_each(|_| short.step_frame());
+    assert_ne!(bits(&short), bits(&without));
+}
+
+#[test]
+fn a_run_with_tone_goes_on_from_a_checkpoint_with_the_same_bits() {
+    for solver in SOLVERS {
+        let others = format!("{TONE}\n{solver}");
+        let mut whole = simulation(FIBRES, &others);
+        (0..20).for_each(|_| whole.step_frame());
+        let saved = save(&whole, &Fingerprint::of(&whole), b"");
+        let mut resumed = simulation(FIBRES, &others);
+        let fingerprint = Fingerprint::of(&resumed);
+        let opened = Checkpoint::open(&saved).expect("its own bytes");
+        opened
+            .restore(&mut resumed, &fingerprint)
+            .expect("its own state");
+        for sim in [&mut whole, &mut resumed] {
+            (0..5).for_each(|_| sim.step_frame());
+        }
+        assert_eq!(bits(&whole), bits(&resumed), "{solver}");
+    }
+}
