@@ -223,6 +223,12 @@ impl SweepRun {
         if !crossing.contains(&true) {
             return Err(SweepError::NothingCrosses(sweep.joint.clone()));
         }
+        // A moment arm is that of the passive muscle, and the frames of a sweep are not those of the scene.
+        scene.effects.tone = None;
+        for muscle in &mut scene.muscles {
+            muscle.activation.clear();
+            muscle.fibre_count = None;
+        }
         if sweep.by == MuscleStepper::Spread {
             // One step per frame; the muscles over the joint have their own solver.
             scene.solver = Solver::QuasiStatic(CORRECTION);

@@ -247,9 +247,6 @@ impl Change<'_> {
         {
             return self.table(table, schema, path, &format!("{here}.0"));
         }
-        if rest.is_empty() && matches!(self.value, "none" | "off") {
-            return self.remove(list, first, here);
-        }
         if rest.is_empty() {
             let number = first.text == "*" || first.text.parse::<usize>().is_ok();
             if list.len() == 1
@@ -258,6 +255,9 @@ impl Change<'_> {
                 && list.iter().all(|node| name(node) != Some(&first.text))
             {
                 return self.fail(unknown_key(&first.text, schema), here, &first.span);
+            }
+            if matches!(self.value, "none" | "off") {
+                return self.remove(list, first, here);
             }
             let message = format!("`{here}.{}` is a section, not a value", shown(&first.text));
             let hint = format!("name one of its keys: {}", schema.known());

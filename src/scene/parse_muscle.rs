@@ -45,14 +45,14 @@ pub(super) fn muscle(
     let first = bones.next();
     if fibre_count.is_some() && bones.all(|bone| Some(bone) == first) {
         return section.fail(SceneProblem::Missing {
-            what: "attachments to two bones, between which the fibres are computed".to_owned(),
+            what: "a second bone, to which the computed fibres lead,".to_owned(),
             add: "`[[muscle.attachment]]` for the other bone".to_owned(),
         });
     }
     let activation = match section.section("activation")? {
         Some(activated) if fibres.is_none() && fibre_count.is_none() => {
             return activated.fail(SceneProblem::Missing {
-                what: "fibres to shorten".to_owned(),
+                what: "a source of fibres".to_owned(),
                 add: "`[muscle.fibres]` with `method = \"harmonic\"`".to_owned(),
             });
         }

@@ -18,7 +18,7 @@ use super::equilibrium::Equilibrium;
 use super::fault::{Fault, LoadError};
 use super::fibres::{self, Ends};
 use super::plan::MusclePlan;
-use super::ready::Rest;
+use super::ready::{Fibres, Rest};
 use super::tracked::Tracked;
 use crate::constraints::Potential;
 use crate::constraints::distance::Distance;
@@ -111,20 +111,8 @@ impl Body {
             .with_numbering((*rest.numbering()).clone());
         let (edges, edge_stiffness) =
             edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
-        let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
-        let unfit = |fault| {
-            let (key, part) = (
-                format!("muscle.{m}.fibres"),
-                format!("muscle `{}`", muscle.name),
-            );
-            LoadError::new(scene, &key, part, fault)
-        };
-        let ends = Ends::of(mesh, &attached);
-        let fibres =
-            fibres::of_muscle(muscle, asset, &rest, ends.as_ref(), &points).map_err(unfit)?;
-        let contraction =
-            Contraction::new(scene, muscle, plan, &rest, &edges, &fibres, (ends, placed))
-                .map_err(unfit)?;
+        let of_fibres = (&*rest, attached.as_slice(), placed);
+        let (fibres, contraction) = contracting(scene, assets, m, plan, of_fibres, &edges)?;
         system.held = hold(&attached, mesh, placed);
         system.forces = forces(scene, m, mesh.vertices.len())?;
         let both = (edges.as_slice(), contraction.edges());
@@ -281,12 +269,26 @@ impl Body {
         }
     }
 
+    /// Sets the shortening of the fibres, if they shorten.
+    pub(super) fn shorten(&mut self, time: f64, done: f64) {
+        let Some(shortening) = self.contraction.at(time, done) else {
+            return;
+        };
+        let swept = self.system.elastic.iter_mut();
+        swept.for_each(|part| part.shorten(shortening));
+        if let Some(equilibrium) = self.equilibrium_mut() {
+            let parts = equilibrium.energy_mut().elastic.iter_mut();
+            parts.for_each(|part| part.shorten(shortening));
+        }
+    }
+
     /// Restores the state among obstacles at the poses `placed`.
     pub(super) fn restore(
         &mut self,
         from: &mut Reader<'_>,
         placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
+        frame: usize,
     ) -> Result<(), DecodeError> {
         self.system.restore(from)?;
         self.restore_contact(from, placed, contact)?;
@@ -294,6 +296,7 @@ impl Body {
             equilibrium.restore(from)?;
         }
         self.contraction.restore(from)?;
+        self.shorten(frame as f64, 1.0);
         self.stopped = from.take()?;
         if from.take()? {
             self.good.restore(from)?;
@@ -445,6 +448,30 @@ pub(super) fn settings(scene: &Scene, length: f64, substeps: u32) -> StepSetting
 /// Length of a step [s] of which a frame has `substeps`.
 pub(super) fn time_step(scene: &Scene, substeps: u32) -> f64 {
     1.0 / (scene.frame_rate * f64::from(substeps))
+}
+
+/// The fibres of a muscle, and how they shorten.
+fn contracting(
+    scene: &Scene,
+    assets: &Assets,
+    m: usize,
+    plan: &MusclePlan,
+    (rest, attached, placed): (&Rest, &[Attached], &[PosedObstacle]),
+    edges: &[Distance],
+) -> Result<(Arc<Fibres>, Contraction), LoadError> {
+    let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
+    let unfit = |key: &str, fault| {
+        let part = format!("muscle `{}`", muscle.name);
+        LoadError::new(scene, key, part, fault)
+    };
+    let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
+    let ends = Ends::of(&rest.mesh, attached);
+    let fibres = fibres::of_muscle(muscle, asset, rest, ends.as_ref(), &points)
+        .map_err(|fault| unfit(&format!("muscle.{m}.fibres"), fault))?;
+    let at = (ends.as_ref(), placed);
+    let contraction = Contraction::new(scene, muscle, plan, rest, edges, &fibres, at)
+        .map_err(|fault| unfit("effects.tone", fault))?;
+    Ok((fibres, contraction))
 }
 
 fn edges_of(

@@ -2,9 +2,8 @@
 //!
 //! A surface keeps its length, so a muscle that shortens would buckle. A living muscle does not: its
 //! fibres keep some tension. Activation shortens the rest lengths along the fibres as the scene says.
-//! Tone shortens them as far as the fibres have become shorter, and by the strain at which the stress of
-//! the scene acts. It ends where the fibres are stretched by this strain. The muscle was measured under
-//! its tone, so tone acts only in other poses of its bones.
+//! Tone shortens slack fibres until they are stretched by the strain at which the stress of the scene
+//! acts. The muscle was measured under its tone, so tone acts only in other poses of its bones.
 
 use nalgebra::Point3;
 
@@ -14,6 +13,7 @@ use super::ready::{Fibres, Rest};
 use crate::constraints::distance::Distance;
 use crate::constraints::{Constraint, FibreDistance};
 use crate::contact::PosedObstacle;
+use crate::fibres::anisotropy;
 use crate::scene::{Muscle, Scene, smooth_step};
 use crate::simulation::plan::MusclePlan;
 use crate::state::{DecodeError, Reader, State, Writer};
@@ -24,9 +24,12 @@ const MOST_STRAIN: f64 = 0.25;
 /// Greatest shortening by tone; muscles shorten by half at most.
 const MOST: f64 = 0.5;
 
-/// Tone is whole where one end has moved from the other by this share of its strain, relative to their
-/// distance: later, the fibres could buckle before.
+/// Tone is whole where one end has moved from the other by this share of its strain, relative to the
+/// length of the muscle. If it began later, the fibres would buckle first.
 const WHOLE_FROM: f64 = 0.5;
+
+/// The name of activation in a plan.
+pub(super) const ACTIVATION: &str = "activation";
 
 /// Exponent of the cosine: the share of an edge is the square.
 const SQUARE: i32 = 2;
@@ -41,23 +44,29 @@ pub(super) struct Contraction {
     edges: Vec<FibreDistance>,
     /// Shortening by activation, by frame.
     keys: Vec<(f64, f64)>,
-    /// Strain of the fibres under tone; `None` without tone.
-    strain: Option<f64>,
+    tone: Option<Tone>,
+}
+
+/// The tone of a muscle.
+#[derive(Clone, Debug)]
+struct Tone {
+    /// Strain of the fibres under tone.
+    strain: f64,
     /// The bones at both ends.
     bones: [usize; 2],
     /// The centre of the second end in its bone, and at rest in that of the first end [m].
     end: [Point3<f64>; 2],
-    /// Distance of both ends at rest [m].
-    chord: f64,
-    /// Shortening by tone at the start and at the end of the present frame.
-    tone: [f64; 2],
+    /// Length of the muscle [m].
+    length: f64,
+    /// Shortening at the start and at the end of the present frame.
+    shortening: [f64; 2],
 }
 
 impl Contraction {
-    /// The shortening of a muscle; `edges` are at rest.
+    /// The shortening of a muscle; `edges` are at rest, `placed` the obstacles in the first frame.
     ///
     /// # Errors
-    /// A tone that stretches the muscle too much.
+    /// A tone that stretches the muscle too much, or one without two ends.
     pub(super) fn new(
         scene: &Scene,
         muscle: &Muscle,
@@ -65,43 +74,28 @@ impl Contraction {
         rest: &Rest,
         edges: &[Distance],
         fibres: &Fibres,
-        (ends, placed): (Option<Ends>, &[PosedObstacle]),
+        (ends, placed): (Option<&Ends>, &[PosedObstacle]),
     ) -> Result<Self, Fault> {
-        let has_tone = plan.runs("tone");
-        if !plan.runs("stretch") || !has_tone && muscle.activation.is_empty() {
+        let is_active = plan.runs(ACTIVATION);
+        if !is_active && !plan.runs("tone") {
             return Ok(Self::default());
         }
+        let tone = match scene.effects.tone.filter(|_| plan.runs("tone")) {
+            Some(stress) => {
+                let strain = strain_under(stress, scene, muscle, plan, rest)?;
+                Some(Tone::new(strain, ends, placed, rest.mesh.length())?)
+            }
+            None => None,
+        };
         let cosines = fibres.cosines(rest);
         let along = |(edge, cosine): (&Distance, &Option<f64>)| {
             FibreDistance::new(*edge, cosine.map_or(0.0, |cosine| cosine.powi(SQUARE)))
         };
-        let stress = scene.effects.tone.filter(|_| has_tone);
-        let strain = stress.map(|stress| {
-            // Stress times cross-section is the tension of the surface times its girth.
-            let width = rest.mesh.volume() / rest.mesh.area();
-            stress * width / muscle.material.stretch
-        });
-        if let (Some(stress), Some(strain)) = (stress, strain)
-            && !(strain <= MOST_STRAIN)
-        {
-            let [percent, most] = [100.0 * strain, 100.0 * MOST_STRAIN];
-            return Err(Fault::TooMuchTone {
-                stress,
-                percent,
-                most,
-            });
-        }
-        let ends = ends.unwrap_or_default();
+        let keys = muscle.activation.iter().filter(|_| is_active);
         Ok(Self {
             edges: edges.iter().zip(&*cosines).map(along).collect(),
-            keys: muscle.activation.clone(),
-            strain,
-            chord: (ends.centres[1] - ends.centres[0]).norm(),
-            end: ends
-                .bones
-                .map(|b| placed[b].now.inverse_transform_point(&ends.centres[1])),
-            bones: ends.bones,
-            tone: [0.0; 2],
+            keys: keys.copied().collect(),
+            tone,
         })
     }
 
@@ -117,28 +111,91 @@ impl Contraction {
         inverse_mass: &[f64],
         placed: &[PosedObstacle],
     ) {
-        let Some(strain) = self.strain else { return };
-        let [first, last] = self.bones.map(|bone| placed[bone].now);
-        let moved = first.inverse_transform_point(&(last * self.end[1])) - self.end[0];
-        let share = moved.norm() / (WHOLE_FROM * strain * self.chord);
-        let share = smooth_step(share.min(1.0));
+        let Some(tone) = &mut self.tone else { return };
         // An edge between two held vertices does not show what the fibres do.
         let is_free =
             |e: &&FibreDistance| e.points().iter().any(|&p| inverse_mass[p as usize] > 0.0);
-        let length = 1.0 + fibre_strain(self.edges.iter().filter(is_free), x);
-        let slack = (1.0 - length / (1.0 + strain)).clamp(0.0, MOST);
-        // Without a number, the shortening stays.
-        let end = Some(share * slack).filter(|end| !end.is_nan());
-        self.tone = [self.tone[1], end.unwrap_or(self.tone[1])];
+        let strain = fibre_strain(self.edges.iter().filter(is_free), x);
+        tone.follow(strain, placed);
     }
 
     /// The shortening at a time [frames], when the share `done` of the present frame has passed; `None`
     /// without activation and tone.
     pub(super) fn at(&self, time: f64, done: f64) -> Option<f64> {
-        let [from, to] = self.tone;
+        let [from, to] = self.tone.as_ref().map_or([0.0; 2], |tone| tone.shortening);
         let tone = from + done * (to - from);
         (!self.edges.is_empty()).then(|| tone.max(activation(&self.keys, time)))
     }
+
+    /// Takes over the state of the same muscle in another simulation.
+    pub(super) fn continue_from(&mut self, other: &Self) {
+        if let (Some(tone), Some(other)) = (&mut self.tone, &other.tone) {
+            tone.shortening = [other.shortening[1]; 2];
+        }
+    }
+}
+
+impl Tone {
+    fn new(
+        strain: f64,
+        ends: Option<&Ends>,
+        placed: &[PosedObstacle],
+        length: f64,
+    ) -> Result<Self, Fault> {
+        let Some(ends) = ends else {
+            let why = "one bone holds all attached vertices".to_owned();
+            return Err(Fault::NoFibres { why });
+        };
+        let in_bone = |bone: usize| placed[bone].now.inverse_transform_point(&ends.centres[1]);
+        let [first, last] = ends.bones;
+        Ok(Self {
+            strain,
+            bones: ends.bones,
+            end: [in_bone(first), in_bone(last)],
+            length,
+            shortening: [0.0; 2],
+        })
+    }
+
+    /// Begins a frame with the strain of the fibres that the last one left.
+    fn follow(&mut self, strain: f64, placed: &[PosedObstacle]) {
+        let [first, last] = self.bones.map(|bone| placed[bone].now);
+        let moved = first.inverse_transform_point(&(last * self.end[1])) - self.end[0];
+        let share = moved.norm() / (WHOLE_FROM * self.strain * self.length);
+        let share = if share < 1.0 { smooth_step(share) } else { 1.0 };
+        let end = share * (1.0 - (1.0 + strain) / (1.0 + self.strain));
+        // Without a number, the shortening stays.
+        let end = if end.is_nan() {
+            self.shortening[1]
+        } else {
+            end.clamp(0.0, MOST)
+        };
+        self.shortening = [self.shortening[1], end];
+    }
+}
+
+/// The strain of the fibres of a muscle at which a stress [Pa] acts along them.
+fn strain_under(
+    stress: f64,
+    scene: &Scene,
+    muscle: &Muscle,
+    plan: &MusclePlan,
+    rest: &Rest,
+) -> Result<f64, Fault> {
+    // Stress times cross-section is the tension of the surface times its girth.
+    let width = rest.mesh.volume() / rest.mesh.area();
+    let weaker = scene.effects.anisotropy.filter(|_| plan.runs("anisotropy"));
+    let share = weaker.map_or(1.0, |a| anisotropy::factor(1.0, a.strength, a.power));
+    let strain = stress * width / (share * muscle.material.stretch);
+    if strain <= MOST_STRAIN {
+        return Ok(strain);
+    }
+    let [percent, most] = [100.0 * strain, 100.0 * MOST_STRAIN];
+    Err(Fault::TooMuchTone {
+        stress,
+        percent,
+        most,
+    })
 }
 
 /// The shortening by activation at a time [frames].
@@ -182,22 +239,18 @@ impl State for Contraction {
         let Self {
             edges: _,
             keys: _,
-            strain: _,
-            bones: _,
-            end: _,
-            chord: _,
-            tone: [_, tone],
+            tone,
         } = self;
-        to.put(tone);
+        to.put(&tone.as_ref().map_or(0.0, |tone| tone.shortening[1]));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
-        let tone: f64 = from.take()?;
-        self.tone = [tone; 2];
-        from.check(
-            (0.0..=MOST).contains(&tone),
-            "a shortening that no muscle has",
-        )
+        let shortening: f64 = from.take()?;
+        if let Some(tone) = &mut self.tone {
+            tone.shortening = [shortening; 2];
+        }
+        let is_known = (0.0..=MOST).contains(&shortening);
+        from.check(is_known, "a shortening that no muscle has")
     }
 }
 

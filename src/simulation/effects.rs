@@ -138,6 +138,8 @@ fn plan_tone(planner: &mut Planner<'_>) {
         "the muscle has no fibres"
     } else if !planner.runs("stretch") {
         "it shortens what stretch holds, which is left out"
+    } else if !planner.encloses_a_volume() {
+        "the muscle encloses no volume, so it has no cross-section"
     } else if !planner.is_held_by_two_bones() {
         "fewer than two bones hold the muscle"
     } else if planner.scene.solver.has_classic_stiffness() {

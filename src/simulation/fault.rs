@@ -116,11 +116,11 @@ pub enum Fault {
         why: String,
     },
     /// E082: a tone that stretches the surface too much.
-    #[error("a tone of {stress} Pa stretches its fibres by {percent:.0} %, more than {most:.0} %")]
+    #[error("a tone of {stress} Pa stretches its fibres by {percent:.1} %, more than {most} %")]
     TooMuchTone {
         /// The stress [Pa].
         stress: f64,
-        /// The stretch, and the greatest one [%].
+        /// The stretch [%].
         percent: f64,
         /// The greatest one [%].
         most: f64,

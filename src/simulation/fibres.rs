@@ -43,7 +43,7 @@ pub(super) fn of_muscle(
 }
 
 /// The two ends of a muscle.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Ends {
     /// The two bones that hold the muscle farthest from each other.
     pub bones: [usize; 2],

@@ -519,7 +519,7 @@ impl State for Simulation {
         let contact = self.scene.effects.contact;
         self.bodies
             .iter_mut()
-            .try_for_each(|body| body.restore(from, &self.placed, contact))?;
+            .try_for_each(|body| body.restore(from, &self.placed, contact, frame))?;
         self.groups
             .iter_mut()
             .try_for_each(|group| group.restore(from))

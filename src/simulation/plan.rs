@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::assets::{Assets, MuscleAsset};
 use super::bonds;
+use super::contraction::ACTIVATION;
 use super::effects::{EffectModel, MODELS, Scope};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
@@ -111,6 +112,7 @@ impl Plan {
                 planner.decide(spec, model);
             }
         }
+        planner.decide_activation();
         let decided = planner.decided;
         self.muscles.push(decided);
     }
@@ -208,6 +210,22 @@ impl<'a> Planner<'a> {
         }
     }
 
+    fn decide_activation(&mut self) {
+        if self.scene.muscles[self.m].activation.is_empty() {
+            return;
+        }
+        if !self.runs("stretch") {
+            self.leave(
+                ACTIVATION,
+                "it shortens what stretch holds, which is left out",
+            );
+        } else if self.mesh().triangles.is_empty() {
+            self.leave(ACTIVATION, "the body has no triangles");
+        } else {
+            self.run(ACTIVATION, self.edges, 0);
+        }
+    }
+
     /// The mesh of the muscle.
     pub fn mesh(&self) -> &'a TriangleMesh {
         &self.assets.muscles[self.m].mesh
@@ -221,6 +239,13 @@ impl<'a> Planner<'a> {
     /// Whether the muscle has fibres.
     pub fn has_fibres(&self) -> bool {
         self.scene.muscles[self.m].has_fibres(self.asset())
+    }
+
+    /// Whether the muscle is closed and not inside out.
+    pub fn encloses_a_volume(&self) -> bool {
+        let mesh = self.mesh();
+        let is_closed = self.assets.ready.rest(mesh).topology().is_closed();
+        is_closed && mesh.volume() > 0.0
     }
 
     /// Whether two bones hold the muscle.

@@ -28,6 +28,7 @@ impl Simulation {
         for (body, there) in self.bodies.iter_mut().zip(&other.bodies) {
             if body.system.particles.len() == there.system.particles.len() {
                 body.continue_from(there, &self.placed, contact, same);
+                body.shorten(self.frame as f64, 1.0);
             }
         }
     }
@@ -116,6 +117,7 @@ impl Body {
             .velocity
             .clone_from(&there.particles.velocity);
         system.speed_cuts = there.speed_cuts;
+        self.contraction.continue_from(&other.contraction);
         // Angles are known up to full turns only: the state of hinges is kept if the hinges are the
         // same.
         for part in &mut system.elastic {

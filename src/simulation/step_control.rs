@@ -229,19 +229,8 @@ impl Body {
             self.contraction.begin_frame(x, w, placed);
         }
         let done = (step + 1) as f64 / of.steps.len() as f64;
-        if let Some(shortening) = self.contraction.at((of.frame - 1) as f64 + done, done) {
-            self.shorten(shortening);
-        }
+        self.shorten((of.frame - 1) as f64 + done, done);
         self.press(of, step);
-    }
-
-    fn shorten(&mut self, shortening: f64) {
-        let swept = self.system.elastic.iter_mut();
-        swept.for_each(|part| part.shorten(shortening));
-        if let Some(equilibrium) = self.equilibrium_mut() {
-            let parts = equilibrium.energy_mut().elastic.iter_mut();
-            parts.for_each(|part| part.shorten(shortening));
-        }
     }
 
     /// In the first frame a volume that sweeps keep goes to its target in equal parts, one a step: in

@@ -136,7 +136,7 @@ fn a_muscle_that_is_activated_as_it_shortens_does_not_buckle() {
 }
 
 #[test]
-fn activation_of_nothing_changes_nothing_but_rounding() {
+fn activation_of_nothing_changes_nothing() {
     let still =
         format!("{FIBRES}\n[muscle.activation]\nkeys = [{{ frame = 0, shortening = '0 %' }}]");
     let [mut with, mut without] = [still.as_str(), FIBRES].map(|m| simulation(m, SOLVERS[0]));
@@ -164,9 +164,50 @@ fn a_run_with_tone_goes_on_from_a_checkpoint_with_the_same_bits() {
         opened
             .restore(&mut resumed, &fingerprint)
             .expect("its own state");
+        // Measures need the shortened lengths.
+        let [here, there] = [&whole, &resumed].map(|sim| format!("{:?}", sim.measure()));
+        assert_eq!(here, there, "{solver}");
         for sim in [&mut whole, &mut resumed] {
             (0..5).for_each(|_| sim.step_frame());
         }
         assert_eq!(bits(&whole), bits(&resumed), "{solver}");
     }
+}
+
+/// A scene in which nothing shortens for another reason: its plan says why, and it runs.
+#[test]
+fn tone_and_activation_that_cannot_act_are_left_out_with_a_reason() {
+    let keys =
+        format!("{FIBRES}\n[muscle.activation]\nkeys = [{{ frame = 0, shortening = '5 %' }}]");
+    let without = |text: &str, part: &str| text.replace(part, "");
+    let around = Surroundings {
+        folder: folder(),
+        variable: &|_| None,
+        overrides: &[],
+    };
+    let reasons = |text: &str| {
+        let parsed = parse_with(text, "tone.toml", &around).expect("a scene");
+        let mut sim = Simulation::new(parsed).expect("meshes");
+        sim.step_frame();
+        let out = sim.plan.left_out.iter();
+        let named = out.filter(|o| o.effect == "tone" || o.effect == "activation");
+        named
+            .map(|o| format!("{}: {}", o.effect, o.why))
+            .collect::<Vec<_>>()
+    };
+    let whole = scene(&keys, TONE);
+    assert_eq!(reasons(&whole), [""; 0]);
+    let found = reasons(&without(&whole, "[effects.stretch]"));
+    assert_eq!(found.len(), 2, "{found:?}");
+    assert!(found.iter().all(|why| why.contains("stretch")), "{found:?}");
+    let found = reasons(&scene(&keys, &format!("{TONE}\n[solver.pbd]")));
+    assert!(
+        found.len() == 1 && found[0].contains("classic PBD"),
+        "{found:?}"
+    );
+    let lines = whole.replace(
+        "method = 'harmonic'\ncount = 40",
+        "method = 'harmonic'\ncount = 1",
+    );
+    assert_eq!(reasons(&lines), [""; 0]);
 }

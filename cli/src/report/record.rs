@@ -33,10 +33,9 @@ pub struct Record {
 
 /// The name of an effect in scenes and plans, from the name of its constraint.
 pub(super) fn effect_name(constraint: &str) -> &str {
-    if constraint == "distance" {
-        "stretch"
-    } else {
-        constraint
+    match constraint {
+        "distance" | "fibre distance" => "stretch",
+        other => other,
     }
 }
 
