@@ -43,7 +43,7 @@ pub use bending::Bending;
 pub use bond::Bond;
 pub use distance::Distance;
 pub use enclosed_volume::EnclosedVolume;
-pub use fibre_distance::FibreDistance;
+pub(crate) use fibre_distance::FibreDistance;
 pub(crate) use kernel::Kernel;
 pub(crate) use kernel::LaneConstraint;
 pub(crate) use lanes::{Lane, Several, SimdWidth};

@@ -7,13 +7,13 @@
 
 use nalgebra::Point3;
 
+use super::effects::share_along_fibres;
 use super::fault::Fault;
 use super::fibres::Ends;
 use super::ready::{Fibres, Rest};
 use crate::constraints::distance::Distance;
 use crate::constraints::{Constraint, FibreDistance};
 use crate::contact::PosedObstacle;
-use crate::fibres::anisotropy;
 use crate::scene::{Muscle, Scene, smooth_step};
 use crate::simulation::plan::MusclePlan;
 use crate::state::{DecodeError, Reader, State, Writer};
@@ -184,9 +184,8 @@ fn strain_under(
 ) -> Result<f64, Fault> {
     // Stress times cross-section is the tension of the surface times its girth.
     let width = rest.mesh.volume() / rest.mesh.area();
-    let weaker = scene.effects.anisotropy.filter(|_| plan.runs("anisotropy"));
-    let share = weaker.map_or(1.0, |a| anisotropy::factor(1.0, a.strength, a.power));
-    let strain = stress * width / (share * muscle.material.stretch);
+    let stiffness = share_along_fibres(scene, plan) * muscle.material.stretch;
+    let strain = stress * width / stiffness;
     if strain <= MOST_STRAIN {
         return Ok(strain);
     }
@@ -241,16 +240,21 @@ impl State for Contraction {
             keys: _,
             tone,
         } = self;
-        to.put(&tone.as_ref().map_or(0.0, |tone| tone.shortening[1]));
+        to.put(&tone.as_ref().map(|tone| tone.shortening[1]));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
-        let shortening: f64 = from.take()?;
-        if let Some(tone) = &mut self.tone {
+        let shortening: Option<f64> = from.take()?;
+        let is_known = shortening.is_none_or(|s| (0.0..=MOST).contains(&s));
+        let is_due = shortening.is_some() == self.tone.is_some();
+        from.check(
+            is_known && is_due,
+            "a shortening that the muscle cannot have",
+        )?;
+        if let (Some(tone), Some(shortening)) = (&mut self.tone, shortening) {
             tone.shortening = [shortening; 2];
         }
-        let is_known = (0.0..=MOST).contains(&shortening);
-        from.check(is_known, "a shortening that no muscle has")
+        Ok(())
     }
 }
 

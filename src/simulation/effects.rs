@@ -1,10 +1,10 @@
 //! The plan, the cost and the constraints or energies of each effect of [`crate::scene::effects`].
 
 use super::body::Builder;
-use super::plan::{Planner, obstacle, swept};
+use super::plan::{MusclePlan, Planner, obstacle, swept};
 use crate::constraints::{Constraint, EnclosedVolume};
 use crate::fibres::anisotropy;
-use crate::scene::{ContactPartners, EffectSpec};
+use crate::scene::{ContactPartners, EffectSpec, Scene};
 use crate::solvers::stiffness;
 
 /// The computation of an effect.
@@ -274,6 +274,12 @@ fn stretch_factors(builder: &Builder<'_>) -> Vec<f64> {
         }
         None => vec![1.0; builder.fibres.points.len()],
     }
+}
+
+/// The share of its stiffness that an edge along the fibres has.
+pub(super) fn share_along_fibres(scene: &Scene, plan: &MusclePlan) -> f64 {
+    let weaker = scene.effects.anisotropy.filter(|_| plan.runs("anisotropy"));
+    weaker.map_or(1.0, |a| anisotropy::factor(1.0, a.strength, a.power))
 }
 
 fn build_bending(builder: &mut Builder<'_>) {

@@ -4,12 +4,13 @@
 use nalgebra::{Point3, Vector3};
 use pliant::Particles;
 use pliant::constraints::{
-    Bending, Bond, Constraint, Distance, FibreDistance, KINDS, Project, Scalar, SweepOrder,
-    TetrahedronVolume, TriangleContact, for_each_kind,
+    Bending, Bond, Constraint, Distance, KINDS, Project, Scalar, SweepOrder, TetrahedronVolume,
+    TriangleContact, for_each_kind,
 };
 use pliant::constraints::{ForEachKind, Parameter, Spec};
 use pliant::mesh::shapes::icosphere;
 use pliant::solvers::System;
+use pliant::testing::internals::constraints::FibreDistance;
 use pliant::testing::{Draw, Dual};
 
 use crate::bodies::{batch, bits, chain, edges, elastic, finite, settings};
