@@ -202,7 +202,8 @@ def run(folder, name, path, kind, edge):
     summary = json.loads((out / "summary.json").read_text())
     muscle = summary["muscles"]["muscles"][0]
     with open(out / "times.csv", newline="") as times:
-        frames = [float(row["step_s"]) for row in csv.DictReader(times)]
+        # A run that stops in its first frame has no time.
+        frames = [float(row["step_s"]) for row in csv.DictReader(times)] or [0.0]
     effects = summary["times"]["effects_s"]
     contact = effects.get("contact", 0.0) / max(sum(effects.values()), 1e-9)
     failed = [SHORT.get(v["name"], v["name"]) for v in summary["verdicts"] if not v["passed"]]
@@ -217,7 +218,7 @@ def run(folder, name, path, kind, edge):
         f"{muscle['edge_stretch_max']:.2f}",
         f"{muscle['quality']['snap_ratio'] or 0:.2f}",
         f"{100 * contact:.0f} %",
-        f"{max(frames) / statistics.median(frames):.1f}",
+        f"{max(frames) / max(statistics.median(frames), 1e-9):.1f}",
         f"{sum(frames):.0f} s",
         "; ".join(filter(None, failed)) or "-",
     ]
