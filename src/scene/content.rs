@@ -7,6 +7,7 @@ pub use geometric::GeometricScene;
 use nalgebra::{Point3, Vector3};
 
 use super::error::SceneError;
+use super::limits::LIMITS;
 use super::reader::Section;
 use super::schema::Kind::{self, List, Plain, Table, Text};
 use super::schema::{self, Schema};
@@ -95,6 +96,7 @@ pub(super) const KINDS: [KindSpec; 4] = [
         name: "muscles",
         keys: &[
             ("accuracy", Text),
+            ("limits", Table(&Schema::Keys(&LIMITS))),
             ("bone", List(&schema::BONE)),
             ("capsule", List(&schema::CAPSULE)),
             ("muscle", List(&schema::MUSCLE)),

@@ -9,7 +9,8 @@ use super::effects::{EFFECTS, material_constants};
 use super::keys::KeyValue;
 use super::{
     Accuracy, AreaSpec, AttachmentSpec, Bonding, BoneSpec, Capsule, Displacement, Effects,
-    Interface, Joint, Key, Mass, Material, Motion, Muscle, ScaleForce, Scene, Solver, Source,
+    Interface, Joint, Key, Limits, Mass, Material, Motion, Muscle, ScaleForce, Scene, Solver,
+    Source,
 };
 use crate::encode::{Encode, Encoder};
 use crate::mesh::repair;
@@ -35,6 +36,7 @@ impl Encode for Scene {
             solver,
             adapts_steps,
             accuracy,
+            limits,
             origin: _,
         } = self;
         to.field("name", name);
@@ -49,6 +51,7 @@ impl Encode for Scene {
         to.field("solver", solver);
         to.field("adapts_steps", adapts_steps);
         to.field("accuracy", accuracy);
+        to.field("limits", limits);
     }
 }
 
@@ -87,6 +90,23 @@ impl Encode for Accuracy {
             Self::Length(length) => to.field("length", length),
             Self::Share(share) => to.field("share", share),
         }
+    }
+}
+
+impl Encode for Limits {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            jitter,
+            snap,
+            lift_off,
+            thickness,
+            hinge,
+        } = self;
+        to.field("jitter", jitter);
+        to.field("snap", snap);
+        to.field("lift_off", lift_off);
+        to.field("thickness", thickness);
+        to.field("hinge", hinge);
     }
 }
 

@@ -12,6 +12,7 @@ pub(crate) mod error;
 mod guess;
 mod interface;
 pub(crate) mod keys;
+mod limits;
 pub(crate) mod motion;
 mod origin;
 pub(crate) mod overrides;
@@ -49,6 +50,7 @@ pub use error::SceneError;
 pub(crate) use error::SceneProblem;
 pub use guess::likely_units;
 pub use interface::{Bonding, Interface};
+pub use limits::Limits;
 pub(crate) use origin::SceneOrigin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
@@ -93,6 +95,8 @@ pub struct Scene {
     pub adapts_steps: bool,
     /// The accuracy that the user requests: solver and settings are then chosen automatically.
     pub accuracy: Option<Accuracy>,
+    /// Limits of the quality of the motion; they judge a run and do not change it.
+    pub limits: Limits,
     /// Origin of the scene's text, for errors found in its meshes.
     pub origin: SceneOrigin,
 }

@@ -29,7 +29,7 @@ use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
 use super::{
-    BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, interface, motion, overrides,
+    BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, interface, limits, motion, overrides,
     parse_effects, parse_muscle, paths,
 };
 use crate::mesh::repair::{LONGEST_RIM, RepairOptions};
@@ -205,6 +205,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
             .get("accuracy")
             .map(|item| parse_effects::accuracy(&item))
             .transpose()?,
+        limits: limits::limits(root)?,
         origin: SceneOrigin::default(),
     })
 }

@@ -134,6 +134,9 @@ fn the_layout_of_the_documentation_is_a_scene() {
         scene.effects.anisotropy.map(|a| (a.strength, a.power)),
         Some((0.5, 1.0))
     );
+    // A limit of the scene replaces the default, also where they agree.
+    assert_eq!(scene.limits.hinge, Some(60_f64.to_radians()));
+    assert_eq!(scene.limits.lift_off, Some(3e-3));
     // The layout states the defaults of the solver.
     let default = read(SMALL).expect("the small scene is one");
     assert_eq!(default.solver, scene.solver);
@@ -423,7 +426,7 @@ fn wrong_overrides_name_themselves() {
         (
             "effect.contact.friction=0.3",
             "error[E052]: unknown key `effect`, did you mean `effects`?; \
-          known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, interface, effects, solver, \
+          known keys here: name, frames, frame_rate, accuracy, limits, bone, capsule, muscle, interface, effects, solver, \
           skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
          min_part, max_part, insert, caps, fixed_length",
         ),

@@ -98,7 +98,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut output = frames.output(arguments, &series, &chosen)?;
     output.interrupted = stop.load(Ordering::Relaxed);
     output.time_s = begun.elapsed().as_secs_f64();
-    Ok(arguments.printing.finish(&output))
+    Ok(arguments.printing.finish(output))
 }
 
 /// A file of a frame: the same one in several frames is read once.

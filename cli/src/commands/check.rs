@@ -113,7 +113,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             )
         })?;
     }
-    let code = arguments.printing.finish(&output);
+    let code = arguments.printing.finish(output);
     let failures: Vec<&Failure> = outcomes.iter().filter_map(Outcome::failure).collect();
     failures.iter().for_each(|failure| failure.show());
     Ok(if failures.is_empty() { code } else { BAD_INPUT })

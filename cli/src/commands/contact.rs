@@ -78,7 +78,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut output = output(&simulation, arguments.ahead as usize);
     output.interrupted = simulation.frame() < frames;
     output.time_s = begun.elapsed().as_secs_f64();
-    Ok(arguments.printing.finish(&output))
+    Ok(arguments.printing.finish(output))
 }
 
 /// A length in mm.

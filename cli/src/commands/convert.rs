@@ -68,7 +68,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let lost = (lines_lost > 0)
         .then(|| format!("{output}: {lines_lost} polylines are lost: this format has none"));
     let warnings = file.warnings.iter().map(|w| w.terse(&input));
-    Ok(arguments.printing.finish(&RunOutput {
+    Ok(arguments.printing.finish(RunOutput {
         kind: "convert",
         measures: json!({
             "input": input,

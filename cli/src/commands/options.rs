@@ -35,6 +35,9 @@ pub(super) struct Printing {
     /// Write only errors and failed checks, and JSON with --json
     #[arg(long, global = true)]
     pub(super) quiet: bool,
+    /// End with exit code 0 although a check failed; a note of the result says so
+    #[arg(long, global = true)]
+    lenient: bool,
 }
 
 impl Printing {
@@ -46,13 +49,30 @@ impl Printing {
     }
 
     /// Prints a result that has no folder, and returns the exit code.
-    pub(super) fn finish(&self, output: &RunOutput<'_>) -> u8 {
-        show_failures(output);
+    pub(super) fn finish(&self, mut output: RunOutput<'_>) -> u8 {
+        let code = self.exit_code(&mut output);
+        show_failures(&output);
         if self.json {
             say_json(&output.summary_without_folder());
         }
         self.say(&output.to_text());
-        exit_code(output)
+        code
+    }
+
+    /// The exit code of a result. Leniency is noted in the result where it changes the code.
+    fn exit_code(&self, output: &mut RunOutput<'_>) -> u8 {
+        let run = output.scene.as_ref();
+        let is_stopped = run.is_some_and(|run| run.stopped.is_some());
+        let is_right = output.passed() && run.is_none_or(|run| run.converged);
+        if !is_right && self.lenient {
+            let note = "--lenient: failed checks do not change the exit code";
+            output.notes.push(note.to_owned());
+        }
+        match (output.interrupted, is_stopped || !is_right && !self.lenient) {
+            (true, _) => INTERRUPTED,
+            (false, true) => FAILED,
+            (false, false) => DONE,
+        }
     }
 }
 
@@ -137,8 +157,8 @@ impl Output {
     }
 
     /// Writes a result into its folder, prints it, and returns the exit code.
-    pub(super) fn finish(&self, folder: &Folder, output: RunOutput<'_>) -> Result<u8, Failure> {
-        let code = exit_code(&output);
+    pub(super) fn finish(&self, folder: &Folder, mut output: RunOutput<'_>) -> Result<u8, Failure> {
+        let code = self.printing.exit_code(&mut output);
         show_failures(&output);
         let shown = |name: &str| folder.path().join(name).display().to_string();
         let mut text = format!(
@@ -158,15 +178,6 @@ impl Output {
         }
         self.printing.say(&text);
         Ok(code)
-    }
-}
-
-/// The exit code of a result.
-fn exit_code(output: &RunOutput<'_>) -> u8 {
-    match (output.interrupted, output.passed()) {
-        (true, _) => INTERRUPTED,
-        (false, true) => DONE,
-        (false, false) => FAILED,
     }
 }
 

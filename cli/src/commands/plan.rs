@@ -53,7 +53,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut tables = vec![ran, left_out];
     tables.retain(|table| !table.rows.is_empty());
     let name = content.name().to_owned();
-    Ok(arguments.printing.finish(&RunOutput {
+    Ok(arguments.printing.finish(RunOutput {
         kind: "plan",
         measures: json!({
             "frames_in_scene": content.frames(),

@@ -17,9 +17,8 @@ use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::options::Output;
 use super::progress::{Bar, if_raised};
-use super::{DONE, FAILED, INTERRUPTED, environment, note, resume, warn};
+use super::{INTERRUPTED, environment, note, resume, warn};
 use crate::report::folder::Folder;
-use crate::report::output::{RunOutput, SceneRun};
 use crate::report::results::Results;
 use crate::report::run::Finished;
 use pliant::accuracy::{self, Chosen, StudyError};
@@ -37,7 +36,7 @@ Examples:
   pliant run hip
   pliant run hip --accuracy \"1 %\"
   pliant run hip --frames 50 --set effects.contact=off --out without-contact
-  pliant run examples/right-hip.toml --strict --json > summary.json
+  pliant run examples/right-hip.toml --json > summary.json
   pliant run hip --checkpoint-every 50
   pliant run hip --resume
   pliant run flat-implant --set implant.volume=50cc
@@ -45,9 +44,8 @@ Examples:
 
 Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
 --animate, scene.toml with --muscles, checkpoint.pliant with --checkpoint-every. Without --resume a run removes the
-results of an earlier one from its folder, its checkpoint too. Exit code 1: a muscle was stopped (it diverged, or a
-number was not finite), skin or an implant did not come to rest, files could not be written, or with --strict a frame is not
-converged.")]
+results of an earlier one from its folder, its checkpoint too. Exit code 1: a check failed (not with --lenient), a muscle
+was stopped (it diverged, or a number was not finite), skin did not come to rest, or files could not be written.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]
@@ -63,8 +61,8 @@ pub(super) struct Arguments {
     /// chooses solver and settings for it
     #[arg(long, value_name = "ERROR")]
     accuracy: Option<String>,
-    /// Fail (exit code 1) if any frame of any muscle has not converged
-    #[arg(long)]
+    /// Gone: failed checks end with exit code 1
+    #[arg(long, hide = true)]
     strict: bool,
     /// Also write NAME.gif, an animation of every fourth frame
     #[arg(long, value_name = "FORMAT")]
@@ -88,6 +86,11 @@ enum Animation {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    if arguments.strict {
+        let message = "--strict is gone: a failed check ends with exit code 1";
+        let hint = "leave it out; with --lenient failed checks end with exit code 0";
+        return Err(Failure::usage(message, hint));
+    }
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping");
     arguments.output.threads.start();
@@ -170,30 +173,7 @@ fn of_muscles(
     }
     let settings = settings(arguments);
     let finished = advance(&mut simulation, results, &settings, stop, chosen.as_ref())?;
-    conclude(&arguments.output, arguments.strict, finished)
-}
-
-/// Writes and prints a result. Returns the exit code.
-fn conclude(to: &Output, strict: bool, finished: Finished<'_>) -> Result<u8, Failure> {
-    let Finished { folder, output } = finished;
-    let code = exit_code(&output, strict);
-    to.finish(&folder, output)?;
-    Ok(code)
-}
-
-fn exit_code(output: &RunOutput<'_>, strict: bool) -> u8 {
-    // Without --strict a frame of muscles may miss the tolerance.
-    let must_converge = strict || output.kind != "muscles";
-    let run = output.scene.as_ref();
-    // Skin at rest may cross itself.
-    let unsound = ["skin", "implant"].contains(&output.kind) && !output.passed();
-    let ended = |run: &SceneRun| run.stopped.is_some() || must_converge && !run.converged;
-    let failed = unsound || run.is_none_or(ended);
-    match (output.interrupted, failed) {
-        (true, _) => INTERRUPTED,
-        (false, true) => FAILED,
-        (false, false) => DONE,
-    }
+    arguments.output.finish(&finished.folder, finished.output)
 }
 
 /// Share of the estimated time of a run for the study that selects solver and settings.

@@ -58,7 +58,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             (name.as_str(), vec![scene], toml.to_owned())
         }
     };
-    Ok(arguments.printing.finish(&RunOutput {
+    Ok(arguments.printing.finish(RunOutput {
         kind: "scenes",
         name: name.to_owned(),
         measures: json!({"scenes": scenes}),

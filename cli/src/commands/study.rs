@@ -77,7 +77,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut pending = missing(&study, (!arguments.fresh).then_some(path.as_path()));
     if arguments.dry_run {
         let output = list(&study, &pending, threads);
-        return Ok(arguments.output.printing.finish(&output));
+        return Ok(arguments.output.printing.finish(output));
     }
     let folder =
         Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;

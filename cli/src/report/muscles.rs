@@ -137,13 +137,11 @@ pub(super) fn output(
     verdicts.push(certified(&simulation.certificate()));
     verdicts.extend(simulation.parted.iter().flat_map(start_verdicts));
     let cuts = simulation.bodies.iter().filter_map(cut);
-    let doubted = muscles.iter().flat_map(|muscle| {
-        let doubts = quality::doubts(&muscle.quality, muscle.length_m);
-        doubts
-            .into_iter()
-            .map(|doubt| format!("{}: {doubt}", muscle.name))
-    });
-    let findings: Vec<String> = doubted.collect();
+    verdicts.extend(muscles.iter().flat_map(|muscle| {
+        let limits = &simulation.scene.limits;
+        let all = quality::verdicts(&muscle.quality, limits, muscle.length_m);
+        all.into_iter().map(|verdict| verdict.at(&*muscle.name))
+    }));
     let plot = |plot| Plot { file: None, plot };
     let mut tables = shown::tables(&muscles, &record, &solver(&simulation.scene.solver));
     tables.push(audit::table(&audit.summary));
@@ -171,7 +169,6 @@ pub(super) fn output(
             .chain(uncounted)
             .chain([audit.note()])
             .collect(),
-        findings,
         certificate: Some(certificate(&simulation.certificate())),
         start: Some(simulation.parted.iter().map(start).collect()),
         text: shown::text(&muscles),

@@ -6,10 +6,11 @@ use std::collections::VecDeque;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
+use super::output::Verdict;
 use pliant::contact::{Obstacle, Surface};
-use pliant::format::number;
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::{Topology, TriangleMesh};
+use pliant::scene::Limits;
 use pliant::simulation::{Body, Simulation};
 use pliant::state::{DecodeError, Reader, Writer};
 
@@ -37,20 +38,18 @@ const THIN: f64 = 0.01;
 /// A ray into the muscle begins at this depth, relative to the median edge.
 const BELOW: f64 = 1e-6;
 
-/// Limit of the jitter, relative to the length of the muscle: 0.1 mm of 25 cm, the width of a line
-/// in a picture of the whole muscle.
-const JITTER: f64 = 4e-4;
-/// Limit of the greatest speed, relative to that of what holds the muscle: a fibre between two
-/// attachments moves no faster than its ends, but for what slides over a bone.
-const SNAP: f64 = 1.5;
-/// Limit of the lift-off, relative to the length of the muscle: 3 mm of 27 cm.
-const LIFT: f64 = 0.011;
-/// Limit of the least thickness, relative to that at rest: a muscle that keeps its volume and is
-/// stretched to twice its length still has 0.7 of it.
-const THICKNESS: f64 = 0.5;
-/// Limit of the angle between the normals of two triangles [deg]: a fold that smooth tissue does
-/// not have.
-const HINGE: f64 = 60.0;
+/// A hinge that is sharper at rest does not count [deg].
+const SHARP: f64 = 60.0;
+
+/// Advice for a motion that is not smooth.
+const SMOOTHER: &str = "use smooth keys, a higher `effects.damping.rate` or `[effects.tone]`; \
+                        `[limits]` changes the limit";
+/// Advice for a muscle that leaves its bone.
+const TAUTER: &str = "use `[effects.tone]` or `[muscle.activation]`, or hold more of it (`limit`); \
+                      `[limits]` changes the limit";
+/// Advice for a muscle that is deformed too much.
+const STIFFER: &str = "use a shorter `edge_length` or a greater `stretch` or `bending`; \
+                       `[limits]` changes the limit";
 
 /// The measures of a muscle over a run; `None` for what cannot be measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -109,7 +108,9 @@ impl RunQuality {
             watched.thick = thickness(body, x, &surfaces[k]);
             let bones = Bones::of(simulation, 0);
             let free = (0..x.len()).filter(|&v| body.is_free(v));
-            let near = free.filter_map(|v| {
+            // Without contact with bones nothing keeps a muscle near them.
+            let touches = !simulation.plan.muscles[k].obstacles.is_empty();
+            let near = free.filter(|_| touches).filter_map(|v| {
                 let (distance, _) = bones.nearest(&x[v])?;
                 (distance <= ON_BONE * body.length).then_some((v as u32, distance))
             });
@@ -234,7 +235,7 @@ impl Watched {
         let topology = Topology::new(&body.rest);
         let x = &body.rest.vertices;
         let is_watched = |hinge: &[u32; 4]| {
-            hinge.iter().any(|&v| body.is_free(v as usize)) && fold(x, *hinge) < HINGE
+            hinge.iter().any(|&v| body.is_free(v as usize)) && fold(x, *hinge) < SHARP
         };
         Self {
             hinges: topology.hinges.iter().copied().filter(is_watched).collect(),
@@ -389,45 +390,45 @@ fn fold(x: &[Point3<f64>], [p1, p2, p3, p4]: [u32; 4]) -> f64 {
     first.angle(&second).to_degrees()
 }
 
-/// What an anatomist would not believe in the motion of a muscle of this length [m], in words.
-pub(super) fn doubts(quality: &Quality, length: f64) -> Vec<String> {
-    let Quality {
-        jitter_m,
-        snap_ratio,
-        lift_off_m,
-        thickness_ratio_min,
-        hinge_max_deg,
-    } = *quality;
-    let mut all = Vec::new();
-    let mut above = |value: Option<f64>, limit: f64, words: &dyn Fn(f64) -> String| {
-        // NaN is doubtful.
-        if let Some(value) = value.filter(|value| !(*value <= limit)) {
-            all.push(words(value));
-        }
+/// What an anatomist asks of the motion of a muscle of this length [m]. NaN fails.
+pub(super) fn verdicts(quality: &Quality, limits: &Limits, length: f64) -> Vec<Verdict> {
+    let Limits {
+        jitter,
+        snap,
+        lift_off,
+        thickness,
+        hinge,
+    } = limits.or_default(length);
+    let most = |name: &str, value: Option<f64>, limit: Option<f64>| {
+        Some(Verdict::at_most(name, value?, limit?))
     };
-    let mm = |metres: f64| number(metres * 1e3);
-    let (jitter, lift) = (JITTER * length, LIFT * length);
-    above(jitter_m, jitter, &|value| {
-        let (value, limit) = (mm(value), mm(jitter));
-        format!("it jitters by {value} mm while the bones move steadily (believable: {limit} mm)")
-    });
-    above(snap_ratio, SNAP, &|value| {
-        let value = number(value);
-        format!("it snaps at {value} times the speed of its attachments (believable: {SNAP})")
-    });
-    above(lift_off_m, lift, &|value| {
-        let (value, limit) = (mm(value), mm(lift));
-        format!("it lifts off bone by {value} mm (believable: {limit} mm)")
-    });
-    above(thickness_ratio_min.map(|t| -t), -THICKNESS, &|value| {
-        let value = number(-value);
-        format!("its least thickness falls to {value} of that at rest (believable: {THICKNESS})")
-    });
-    above(hinge_max_deg, HINGE, &|value| {
-        let value = number(value);
-        format!("it folds by {value} degrees (believable: {HINGE})")
-    });
-    all
+    let least = |name: &str, value: Option<f64>, limit: Option<f64>| {
+        Some(Verdict::at_least(name, value?, limit?))
+    };
+    let jitter = most("jitter while bones move steadily", quality.jitter_m, jitter);
+    let snap = most(
+        "greatest speed, relative to the attachments",
+        quality.snap_ratio,
+        snap,
+    );
+    let lift = most("lift-off from bones", quality.lift_off_m, lift_off);
+    let thick = least(
+        "least thickness, relative to that at rest",
+        quality.thickness_ratio_min,
+        thickness,
+    );
+    let hinge = hinge.map(f64::to_degrees);
+    let fold = most("greatest angle of a fold", quality.hinge_max_deg, hinge);
+    let all = [
+        (jitter.map(|v| v.in_unit("m")), SMOOTHER),
+        (snap, SMOOTHER),
+        (lift.map(|v| v.in_unit("m")), TAUTER),
+        (thick, STIFFER),
+        (fold.map(|v| v.in_unit("deg")), STIFFER),
+    ];
+    all.into_iter()
+        .filter_map(|(verdict, advice)| Some(verdict?.else_do(advice)))
+        .collect()
 }
 
 #[cfg(test)]
@@ -459,6 +460,13 @@ mod tests {
         body.rest.vertices[v]
     }
 
+    /// The names of the verdicts that fail for a muscle of 20 cm with the default limits.
+    fn failed(quality: &Quality) -> Vec<String> {
+        let all = verdicts(quality, &Limits::default(), 0.2);
+        let failed = all.into_iter().filter(|verdict| !verdict.passed);
+        failed.map(|verdict| verdict.name).collect()
+    }
+
     fn is_near(value: Option<f64>, expected: f64, tolerance: f64) -> bool {
         value.is_some_and(|value| (value - expected).abs() <= tolerance)
     }
@@ -476,7 +484,7 @@ mod tests {
         let still = after(9, |body, _, v| rest(body, v));
         // Without motion there is no speed to compare.
         assert_eq!((still.snap_ratio, still.lift_off_m), (None, Some(0.0)));
-        assert_eq!(doubts(&still, 0.2), Vec::<String>::new());
+        assert_eq!(failed(&still), Vec::<String>::new());
     }
 
     #[test]
@@ -506,21 +514,31 @@ mod tests {
             rest(body, v) + (rest(body, v) - normal).normalize() * out
         });
         assert!(lifted.lift_off_m > Some(1e-3), "{lifted:?}");
-        assert!(lifted.hinge_max_deg > Some(HINGE), "{lifted:?}");
+        assert!(lifted.hinge_max_deg > Some(60.0), "{lifted:?}");
         // A muscle that is pressed flat along each of its axes loses thickness.
         let thin = after(1, |body, _, v| {
             let centre = body.rest.surface_centroid().expect("a surface");
             centre + (rest(body, v) - centre) * 0.3
         });
         assert!(is_near(thin.thickness_ratio_min, 0.3, 1e-6), "{thin:?}");
-        let doubted = doubts(&shaken(3e-3, Some(one)), 0.2);
-        let says = |words: &str| doubted.iter().any(|doubt| doubt.contains(words));
-        assert!(says("jitters") && says("snaps"), "{doubted:?}");
+        let failed_now = failed(&shaken(3e-3, Some(one)));
+        let says = |words: &str| failed_now.iter().any(|name| name.contains(words));
+        assert!(says("jitter") && says("speed"), "{failed_now:?}");
         let nan = Quality {
             jitter_m: Some(f64::NAN),
             ..Quality::default()
         };
-        assert_eq!(doubts(&nan, 0.2).len(), 1);
+        assert_eq!(failed(&nan).len(), 1);
+        // Limits of the scene replace the default.
+        let wide = Limits {
+            jitter: Some(1.0),
+            snap: Some(100.0),
+            lift_off: Some(1.0),
+            thickness: Some(0.0),
+            hinge: Some(std::f64::consts::PI),
+        };
+        let judged = verdicts(&shaken(3e-3, Some(one)), &wide, 0.2);
+        assert!(judged.iter().all(|verdict| verdict.passed), "{judged:?}");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::outcome::{Outcome, Positions};
 use super::sheet;
 use crate::report::Table;
 use crate::report::folder::{Folder, FolderError};
-use crate::report::output::{DataFile, Picture, RunOutput};
+use crate::report::output::{DataFile, Picture, RunOutput, Verdict};
 use pliant::accuracy::FrameDistance;
 use pliant::format::number;
 use pliant::scene::{Content, Measure};
@@ -289,6 +289,15 @@ impl<'a> Findings<'a> {
         all
     }
 
+    /// Whether every finished run converged.
+    fn ended(&self) -> Verdict {
+        let outcomes = self.rows.iter().filter_map(|row| row.outcome.as_ref());
+        let is_wrong = |outcome: &&Outcome| outcome.stopped.is_some() || outcome.not_converged > 0;
+        let wrong = outcomes.filter(is_wrong).count();
+        Verdict::none("runs that did not converge, stopped or diverged", wrong)
+            .else_do("the table names them; leave their values out, or use `--lenient`")
+    }
+
     /// The result. Writes the sheets that the page does not show into the folder. `time_s` is the
     /// wall time of this call of the command.
     ///
@@ -319,6 +328,7 @@ impl<'a> Findings<'a> {
             kind: "study",
             name: study.name.clone(),
             measures: self.measures_json(),
+            verdicts: vec![self.ended()],
             findings: self.stopped.clone(),
             notes,
             interrupted: self.interrupted,

@@ -215,7 +215,14 @@ fn a_combination_that_is_stopped_is_a_row_and_foreign_files_stay() {
         &format!("scene = \"scene.toml\"\nframes = [0, 12]\n{vary} {forces}\n"),
     );
     let out = scratch.join("out");
-    study(&file, &out, &[]);
+    let done = pliant()
+        .args(["study", &file, "--out", shown(&out)])
+        .output();
+    let (code, said) = done
+        .map(|done| (done.status.code(), text(&done.stderr)))
+        .unwrap();
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("FAIL  runs that did not converge"), "{said}");
     let rows = measures(&json(&out.join("summary.json")))["rows"].clone();
     let status = |row: usize| rows[row]["status"].as_str().unwrap();
     assert_eq!(
@@ -234,7 +241,7 @@ fn a_combination_that_is_stopped_is_a_row_and_foreign_files_stay() {
     let mine = out.join("runs/mine.json");
     fs::write(&mine, "mine").unwrap();
     fs::write(out.join("mine.csv"), "mine").unwrap();
-    study(&file, &out, &["--fresh"]);
+    study(&file, &out, &["--fresh", "--lenient"]);
     assert_eq!(fs::read(&mine).unwrap(), b"mine");
     assert_eq!(fs::read(out.join("mine.csv")).unwrap(), b"mine");
 }

@@ -35,6 +35,8 @@ impl Fingerprint {
             adapts_steps,
             // Its results are the solver and the settings.
             accuracy: _,
+            // They judge the motion and do not change it.
+            limits: _,
             origin: _,
         } = &simulation.scene;
         print.add("the library".to_owned(), &crate::DIGEST);

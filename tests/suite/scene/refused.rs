@@ -27,6 +27,11 @@ refused! {
     e050_patch_without_unit: with("[[muscle.attachment]]\nbone = 'femur'\npatch = 'patch.obj#0'\nwithin = '5 mm'\n") =>
         "s.toml:11:9: error[E050]: muscle.0.attachment.0.patch: `patch.obj` has no unit; \
          write `unit = \"m\"`, \"cm\" or \"mm\" below it; known units of length: m, dm, cm, mm, um, km, in";
+    e050_limit: with("[limits]\njitter = 0.1\n") =>
+        "s.toml:10:10: error[E050]: limits.jitter: `0.1` has no unit; \
+         write \"0.1 m\"; known units of length: m, dm, cm, mm, um, km, in";
+    e051_thickness: with("[limits]\nthickness = 2\n") =>
+        "s.toml:10:13: error[E051]: limits.thickness: `2` is not allowed here; give a number from 0 to 1";
     e051_pressure: with("[effects.volume]\npressure = 2.5\n") =>
         "s.toml:10:12: error[E051]: effects.volume.pressure: `2.5` is not allowed here; give a number from 0.5 to 2";
     e051_negative_mass: with("[muscle.material]\nvertex_mass = '-1 kg'\n") =>
@@ -83,7 +88,7 @@ refused! {
          known keys here: thickness, friction, between";
     e052_unknown: with("[gravity]\n") =>
         "s.toml:9:2: error[E052]: unknown key `gravity`; \
-         known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, interface, effects, solver, \
+         known keys here: name, frames, frame_rate, accuracy, limits, bone, capsule, muscle, interface, effects, solver, \
          skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
          min_part, max_part, insert, caps, fixed_length";
     e052_nothing_known: with("[effects.stretch]\nstiffness = 1\n") =>

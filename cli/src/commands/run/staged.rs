@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use super::{Arguments, conclude};
+use super::Arguments;
 use crate::commands::failure::Failure;
 use crate::commands::options::Output;
 use crate::commands::progress::Stoppable;
@@ -42,7 +42,7 @@ impl Job<'_> {
         let folder = Folder::open(&self.out)?;
         let finished = perform(scenario.as_mut(), folder, &self.options, &progress)?;
         progress.bar.end();
-        conclude(self.output, false, finished)
+        self.output.finish(&finished.folder, finished.output)
     }
 }
 
