@@ -48,11 +48,21 @@ impl Limit {
     fn describe(self, what: &str) -> String {
         match self {
             Self::Any => format!("a finite {what}"),
-            Self::Positive => format!("a {what} greater than zero"),
-            Self::NotNegative => format!("a {what} of at least zero"),
-            Self::Within(low, high) => format!("a {what} from {low} to {high}"),
+            Self::Positive => format!("{} greater than zero", with_article(what)),
+            Self::NotNegative => format!("{} of at least zero", with_article(what)),
+            Self::Within(low, high) => format!("{} from {low} to {high}", with_article(what)),
         }
     }
+}
+
+/// A noun with its indefinite article: an area, a length.
+fn with_article(noun: &str) -> String {
+    let article = if noun.starts_with(['a', 'e', 'i', 'o']) {
+        "an"
+    } else {
+        "a"
+    };
+    format!("{article} {noun}")
 }
 
 type Read<T> = Result<T, SceneError>;
@@ -142,8 +152,9 @@ impl<'a> Item<'a> {
             Value::Integer(number) => number.to_string(),
             Value::Float(number) => number.to_string(),
             _ => {
-                return self
-                    .wrong_type(format!("a {dimension} such as \"{}\"", dimension.example()));
+                let named = with_article(&dimension.to_string());
+                let example = dimension.example();
+                return self.wrong_type(format!("{named} such as \"{example}\""));
             }
         };
         if dimension == Dimension::Ratio {

@@ -32,6 +32,8 @@ refused! {
          write \"0.1 m\"; known units of length: m, dm, cm, mm, um, km, in";
     e051_thickness: with("[limits]\nthickness = 2\n") =>
         "s.toml:10:13: error[E051]: limits.thickness: `2` is not allowed here; give a number from 0 to 1";
+    e051_angle: with("[limits]\nhinge = '-5 deg'\n") =>
+        "s.toml:10:9: error[E051]: limits.hinge: `-5 deg` is not allowed here; give an angle greater than zero";
     e051_pressure: with("[effects.volume]\npressure = 2.5\n") =>
         "s.toml:10:12: error[E051]: effects.volume.pressure: `2.5` is not allowed here; give a number from 0.5 to 2";
     e051_negative_mass: with("[muscle.material]\nvertex_mass = '-1 kg'\n") =>
