@@ -48,46 +48,73 @@ const ROUNDED: f64 = 16.0 * f64::EPSILON;
 
 /// The segments of all fibres with positive length, in boxes.
 struct Segments {
-    all: Vec<[Point3<f64>; 2]>,
-    /// Bounding box of each group of [`TOGETHER`] segments.
+    all: Vec<Segment>,
     boxes: Vec<Aabb>,
-    /// Greatest coordinate [m].
+    /// Greatest coordinate \[m\].
     size: f64,
+}
+
+/// A part of a fibre, with the directions of the fibre at its ends.
+struct Segment {
+    ends: [Point3<f64>; 2],
+    tangents: [Vector3<f64>; 2],
+}
+
+impl Segment {
+    /// The parts of a fibre. A bend has the mean of the directions on its two sides: a point outside
+    /// the bend is as near to one side as to the other, and rounding alone would choose.
+    fn of(fibre: &[Point3<f64>]) -> Vec<Self> {
+        let parts = fibre.windows(2).filter_map(|ends| {
+            let along = (ends[1] - ends[0]).try_normalize(0.0)?;
+            let (ends, tangents) = ([ends[0], ends[1]], [along; 2]);
+            Some(Self { ends, tangents })
+        });
+        let mut parts: Vec<Self> = parts.collect();
+        for k in 1..parts.len() {
+            let both = [parts[k - 1].tangents[1], parts[k].tangents[0]];
+            // A fibre that turns back has no mean.
+            if let Some(mean) = (both[0] + both[1]).try_normalize(1e-9) {
+                parts[k - 1].tangents[1] = mean;
+                parts[k].tangents[0] = mean;
+            }
+        }
+        parts
+    }
 }
 
 impl Segments {
     fn new(fibres: &[Vec<Point3<f64>>]) -> Self {
-        let segments = fibres
-            .iter()
-            .flat_map(|line| line.windows(2).map(|s| [s[0], s[1]]));
-        let all: Vec<[Point3<f64>; 2]> = segments.filter(|[a, b]| a != b).collect();
+        let all: Vec<Segment> = fibres.iter().flat_map(|line| Segment::of(line)).collect();
+        let ends = |some: &[Segment]| some.iter().flat_map(|s| s.ends).collect::<Vec<_>>();
         let boxes = all
             .chunks(TOGETHER)
-            .map(|some| Aabb::of_points(some.iter().flatten()))
+            .map(|some| Aabb::of_points(&ends(some)))
             .collect();
-        let size = max_or_nan(all.iter().flatten().map(|p| p.coords.amax()));
+        let size = max_or_nan(ends(&all).iter().map(|p| p.coords.amax()));
         Self { all, boxes, size }
     }
 
-    /// Direction of the nearest segment; of several equally near segments the first.
+    /// The direction of the nearest fibre where it is nearest to `p`.
     fn nearest_direction(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
-        let mut best: Option<(f64, Vector3<f64>)> = None;
-        // A box that is farther by rounding alone can contain the nearest segment.
+        let mut best: Option<(f64, f64, &Segment)> = None;
         let slack = ROUNDED * (self.size + p.coords.amax());
         for (some, bounds) in self.all.chunks(TOGETHER).zip(&self.boxes) {
             let away = (p - bounds.min.sup(&bounds.max.inf(p))).norm();
-            if best.is_some_and(|(d, _)| away > d.sqrt() + slack) {
+            if best.is_some_and(|(d, ..)| away > d.sqrt() + slack) {
                 continue;
             }
-            for [a, b] in some {
-                let along = b - a;
-                let squared = (a + along * place_on_segment(p, a, b) - p).norm_squared();
-                if best.is_none_or(|(d, _)| squared < d) {
-                    best = Some((squared, along));
+            for segment in some {
+                let [a, b] = segment.ends;
+                let place = place_on_segment(p, &a, &b);
+                let squared = (a + (b - a) * place - p).norm_squared();
+                if best.is_none_or(|(d, ..)| squared < d) {
+                    best = Some((squared, place, segment));
                 }
             }
         }
-        best.and_then(|(_, along)| along.try_normalize(0.0))
+        let (_, place, Segment { ends, tangents }) = best?;
+        let along = tangents[0].lerp(&tangents[1], place).try_normalize(0.0);
+        along.or_else(|| (ends[1] - ends[0]).try_normalize(0.0))
     }
 }
 
@@ -124,6 +151,25 @@ mod tests {
         let vertices = [p(0.0, 0.1), p(1.0, 0.1), p(0.1, 5.0), p(1.1, 5.0)];
         let k = factors(&cosines(&vertices, &[[0, 1], [2, 3]], &fibres), 0.5, 1.0);
         assert!((k[0] - 0.5).abs() <= 1e-12 && (k[1] - 1.0).abs() <= 1e-12);
+    }
+
+    #[test]
+    fn a_bend_has_the_mean_direction_of_its_sides() {
+        let p = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        let fibre = |points: &[Point3<f64>]| Segments::new(&[points.to_vec()]);
+        let bent = fibre(&[p(0.0, 0.0), p(1.0, 0.0), p(1.0, 1.0)]);
+        let mean = Vector3::new(1.0, 1.0, 0.0).normalize();
+        // As near to one side as to the other, whatever the rounding of the place.
+        for by in [0.1, 0.1 + f64::EPSILON, 1e-3, 1e3] {
+            let found = bent.nearest_direction(&p(1.0 + by, -by)).expect("a fibre");
+            assert!((found - mean).norm() <= 1e-12, "{by}: {found}");
+        }
+        let half = bent.nearest_direction(&p(0.0, -1.0)).expect("a fibre");
+        assert_eq!(half, Vector3::x());
+        // Back on itself: a direction of one of its sides.
+        let back = fibre(&[p(0.0, 0.0), p(1.0, 0.0), p(0.0, 0.0)]);
+        let found = back.nearest_direction(&p(2.0, 0.0)).expect("a fibre");
+        assert!((found.x.abs() - 1.0).abs() <= 1e-12);
     }
 
     #[test]

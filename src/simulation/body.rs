@@ -195,20 +195,21 @@ impl Body {
         2.0 * self.length / self.edge_length * residual_max_m
     }
 
-    /// A torn vertex, if stretch acts: an edge is longer than ten times the muscle at rest, or so
-    /// distant that its length is rounding error. Contact with such triangles would take minutes
+    /// A torn vertex: of an edge that is so distant that its length is rounding error or, if stretch
+    /// acts, longer than ten times the muscle at rest. Contact with such triangles would take minutes
     /// per frame.
     pub fn torn(&self) -> Option<usize> {
-        if !self.resists_stretch {
-            return None;
-        }
+        let most = if self.resists_stretch {
+            TORN * self.length
+        } else {
+            f64::MAX
+        };
         let x = &self.system.particles.position;
         let is_torn = |e: &&Distance| {
             let [a, b] = e.points.map(|p| x[p as usize]);
             let reach = (a - b).norm();
             // Not `>`, which is false for NaN.
-            !(reach <= TORN * self.length)
-                || !(a.coords.amax() * f64::EPSILON <= 1e-3 * self.edge_length)
+            !(reach <= most) || !(a.coords.amax() * f64::EPSILON <= 1e-3 * self.edge_length)
         };
         self.edges
             .iter()

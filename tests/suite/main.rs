@@ -29,6 +29,7 @@ mod moment_arms;
 mod morph;
 mod oracles;
 mod pairs;
+mod scale;
 mod scene;
 mod scenes;
 mod skin;

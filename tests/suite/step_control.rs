@@ -7,6 +7,7 @@ use nalgebra::{Point3, Vector3};
 use pliant::TriangleMesh;
 use pliant::mesh::shapes::icosphere;
 use pliant::progress::Silent;
+use pliant::scene::builtin::load;
 use pliant::simulation::checkpoint::{Checkpoint, Fingerprint, save};
 use pliant::simulation::{Simulation, Stepped};
 
@@ -241,4 +242,24 @@ fn an_edge_that_two_bones_hold_has_its_greatest_length() {
 fn first_edge(mesh: &TriangleMesh) -> [u32; 2] {
     let [a, b, _] = mesh.triangles[0];
     [a, b]
+}
+
+#[test]
+fn an_equilibrium_that_no_effect_holds_stops_as_diverged() {
+    // Only the angles are kept: under its load the tetrahedron grows without end.
+    let shape = |solver: &str| {
+        let scene = load("shape", &[format!("solver={solver}")]).expect("a scene");
+        let mut run = Simulation::new(scene).expect("a scene that runs");
+        (0..20).for_each(|_| run.step_frame());
+        run
+    };
+    let run = shape("quasi_static");
+    let (frame, broken) = run.bodies[0].stopped.clone().expect("it stops");
+    assert_eq!((frame, broken.effect), (1, "divergence"));
+    assert!(run.measure()[0].edge_stretch_max.is_finite());
+    assert_eq!(
+        shape("pbd").bodies[0].stopped,
+        None,
+        "control: it grows with time"
+    );
 }

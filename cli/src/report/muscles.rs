@@ -363,6 +363,10 @@ const SEE_AUDIT: &str = "`audit.pairs` in summary.json names all pairs";
 /// Advice for a muscle whose steps are too long.
 const MORE_SUBSTEPS: &str = "use more substeps, or `[solver.quasi_static]`";
 
+/// What to do about an equilibrium that is not found.
+const HOLD_IT: &str =
+    "allow more iterations; each vertex needs an effect that holds it, such as `[effects.stretch]`";
+
 /// Greatest length of an edge whose ends two bones hold, relative to that at rest: tissue that is
 /// longer tears.
 const APART: f64 = 2.0;
@@ -381,11 +385,20 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
             s.name, at.frame, at.effect, at.particle
         )
     });
-    let finite = Verdict::new("all numbers are finite", s.stopped.is_none()).at(place);
-    all.push(finite.else_do(MORE_SUBSTEPS));
+    let cure = if scene.solver.has_inertia() {
+        MORE_SUBSTEPS
+    } else {
+        HOLD_IT
+    };
+    let is_finite = s.stopped.is_none() && s.edge_stretch_max.is_finite();
+    all.push(
+        Verdict::new("all numbers are finite", is_finite)
+            .at(place)
+            .else_do(cure),
+    );
     let mut say = |verdict: Verdict| all.push(verdict.at(s.name.as_str()));
     let unconverged = Verdict::none("frames that did not converge", s.frames_not_converged);
-    say(unconverged.else_do(MORE_SUBSTEPS));
+    say(unconverged.else_do(cure));
     if plan.runs("volume")
         && scene.muscles[m].material.bulk.is_none()
         && scene.solver.share("volume").is_none()
