@@ -8,7 +8,7 @@ use super::failure::Failure;
 use super::options::Output;
 use super::progress::if_raised;
 use super::run::stop_on_interrupt;
-use super::{FAILED, INTERRUPTED, environment, note, warn};
+use super::{FAILED, environment, interrupted, note, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use crate::report::{skin_accuracy, work_precision};
@@ -117,7 +117,7 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
         Err(error @ SkinStudyError::NoReference(_)) => {
             warn(&format!("error: {error}"));
             return Ok(if stop.load(Ordering::Relaxed) {
-                INTERRUPTED
+                interrupted()
             } else {
                 FAILED
             });
@@ -150,7 +150,7 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
         Err(error @ StudyError::NoReference(_)) => {
             warn(&format!("error: {error}"));
             return Ok(if stop.load(Ordering::Relaxed) {
-                INTERRUPTED
+                interrupted()
             } else {
                 FAILED
             });

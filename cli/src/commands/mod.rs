@@ -1,7 +1,7 @@
 //! The command `pliant`: one file per command.
 //!
 //! Exit codes: 0 done; 1 completed, but the result fails; 2 invalid usage or input; 130 after
-//! Ctrl-C.
+//! Ctrl-C, 143 after SIGTERM.
 
 mod accuracy;
 mod areas;
@@ -33,7 +33,7 @@ mod view;
 
 use std::io::Write;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand};
 
@@ -43,8 +43,16 @@ const DONE: u8 = 0;
 const FAILED: u8 = 1;
 /// Invalid usage or input.
 const BAD_INPUT: u8 = 2;
-/// Interrupted by Ctrl-C.
-const INTERRUPTED: u8 = 130;
+/// Interrupted by Ctrl-C, or by SIGTERM from a system that ends or a queue whose time is over.
+const BY_CTRL_C: u8 = 130;
+const BY_SIGTERM: u8 = 143;
+
+/// The exit code of an interrupted command.
+static INTERRUPTED: AtomicU8 = AtomicU8::new(BY_CTRL_C);
+
+fn interrupted() -> u8 {
+    INTERRUPTED.load(Ordering::Relaxed)
+}
 
 /// Verified deformation of soft tissue: muscles that slide around moving bones, with known accuracy
 #[derive(Debug, Parser)]
@@ -55,7 +63,7 @@ const INTERRUPTED: u8 = 130;
     after_help = "\
 Without a command: `pliant run hip`. Each command has an example in its --help.
 
-Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
+Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM.
 
 Example:
   pliant run hip

@@ -10,7 +10,7 @@ use super::failure::Failure;
 use super::options::Output;
 use super::progress::if_raised;
 use super::run::stop_on_interrupt;
-use super::{INTERRUPTED, length_unit, warn};
+use super::{interrupted, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::morph::{Carried, Morph, Shape};
 use pliant::io::{self, PointData};
@@ -44,7 +44,7 @@ hold `origin` (0: a vertex of A, 1: of B, 2: a crossing of edges) and `displacem
 Results in pliant-out/A-B-morph: frames/*.vtp, A-B.pvd, A-B.gif, sheet.png, spheres.png, measures.csv (volume and area over t),
 summary.json, report.html.
 
-Exit codes: 0 done; 1 an end is not reproduced, or files could not be written; 2 bad usage or input; 130 after Ctrl-C, with nothing
+Exit codes: 0 done; 1 an end is not reproduced, or files could not be written; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM, with nothing
 written.")]
 pub(super) struct Arguments {
     /// The surface at t = 0
@@ -197,7 +197,7 @@ fn settings(arguments: &Arguments) -> CorrespondenceSettings {
 
 pub(super) fn nothing_written() -> u8 {
     warn("interrupted: nothing is written");
-    INTERRUPTED
+    interrupted()
 }
 
 /// All shapes; `None` after Ctrl-C.

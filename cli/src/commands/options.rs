@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::failure::Failure;
-use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
+use super::{DONE, FAILED, interrupted, say, say_json, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use pliant::io::file_name;
@@ -69,7 +69,7 @@ impl Printing {
             output.notes.push(note.to_owned());
         }
         match (output.interrupted, is_stopped || !is_right && !self.lenient) {
-            (true, _) => INTERRUPTED,
+            (true, _) => interrupted(),
             (false, true) => FAILED,
             (false, false) => DONE,
         }

@@ -17,7 +17,7 @@ use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::options::Output;
 use super::progress::{Bar, if_raised};
-use super::{INTERRUPTED, environment, note, resume, warn};
+use super::{BY_CTRL_C, BY_SIGTERM, INTERRUPTED, environment, interrupted, note, resume, warn};
 use crate::report::folder::Folder;
 use crate::report::results::Results;
 use crate::report::run::Finished;
@@ -143,14 +143,14 @@ fn of_muscles(
     let assets = Assets::load(&scene).map_err(refused)?;
     let chosen = match scene.accuracy {
         Some(accuracy) => match choose(&mut scene, &assets, accuracy, stop, refused)? {
-            None => return Ok(INTERRUPTED),
+            None => return Ok(interrupted()),
             chosen => chosen,
         },
         None => None,
     };
     let plan = Plan::new(&scene, &assets);
     if stop.load(Ordering::Relaxed) {
-        return Ok(INTERRUPTED);
+        return Ok(interrupted());
     }
     PREPARING.store(true, Ordering::Relaxed);
     let simulation = Simulation::with(scene, assets, plan);
@@ -301,21 +301,43 @@ pub(super) fn settings_of_all() -> [(String, String); 2] {
 /// True while a run has no frame yet that Ctrl-C could leave complete.
 static PREPARING: AtomicBool = AtomicBool::new(false);
 
-/// A flag that Ctrl-C sets, with a message; a second Ctrl-C ends the process at once.
+/// A flag that Ctrl-C or SIGTERM sets, with a message; a second one ends the process at once.
 pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let raised = stop.clone();
-    let set = ctrlc::set_handler(move || {
+    let end = move |code: u8| {
+        INTERRUPTED.store(code, Ordering::Relaxed);
         if raised.swap(true, Ordering::Relaxed) || PREPARING.load(Ordering::Relaxed) {
             // Files appear only when complete, so only unfinished work is lost.
-            std::process::exit(INTERRUPTED.into());
+            std::process::exit(code.into());
         }
         warn(&format!("{what}; press Ctrl-C again to stop at once"));
-    });
+    };
+    let by_system = end.clone();
+    let set = ctrlc::set_handler(move || end(BY_CTRL_C))
+        .map_err(|error| error.to_string())
+        .and_then(|()| on_sigterm(move || by_system(BY_SIGTERM)).map_err(|e| e.to_string()));
     if let Err(error) = set {
         warn(&format!(
-            "note: Ctrl-C will end the run without its last files: {error}"
+            "note: Ctrl-C or SIGTERM will end the run without its last files: {error}"
         ));
     }
     stop
+}
+
+/// Calls `end` at each SIGTERM.
+#[cfg(unix)]
+fn on_sigterm(end: impl Fn() + Send + 'static) -> std::io::Result<()> {
+    let mut signals = signal_hook::iterator::Signals::new([signal_hook::consts::SIGTERM])?;
+    let wait = move || signals.forever().for_each(|_| end());
+    std::thread::Builder::new()
+        .name("sigterm".to_owned())
+        .spawn(wait)?;
+    Ok(())
+}
+
+/// Other systems have no SIGTERM.
+#[cfg(not(unix))]
+fn on_sigterm(_: impl Fn() + Send + 'static) -> std::io::Result<()> {
+    Ok(())
 }

@@ -443,6 +443,17 @@ fn a_reader_who_leaves_early_is_no_error() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_ends_the_run_with_readable_files() {
+    ends_with_readable_files("-INT", 130);
+}
+
+#[cfg(unix)]
+#[test]
+fn sigterm_ends_the_run_with_readable_files() {
+    ends_with_readable_files("-TERM", 143);
+}
+
+#[cfg(unix)]
+fn ends_with_readable_files(signal: &str, code: i32) {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let mut child = pliant()
@@ -464,11 +475,11 @@ fn ctrl_c_ends_the_run_with_readable_files() {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     let sent = Command::new("kill")
-        .args(["-INT", &child.id().to_string()])
+        .args([signal, &child.id().to_string()])
         .status()
         .unwrap();
     assert!(sent.success());
-    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert_eq!(child.wait().unwrap().code(), Some(code));
     let summary = json(&out.join("summary.json"));
     assert_eq!(summary["interrupted"], true);
     let frames = summary["frames"].as_u64().unwrap() as usize;

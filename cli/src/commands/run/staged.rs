@@ -8,7 +8,7 @@ use super::Arguments;
 use crate::commands::failure::Failure;
 use crate::commands::options::Output;
 use crate::commands::progress::Stoppable;
-use crate::commands::{INTERRUPTED, warn};
+use crate::commands::{interrupted, warn};
 use crate::report::folder::Folder;
 use crate::report::run::{RunOptions, files, perform};
 use pliant::scene::Content;
@@ -35,7 +35,7 @@ impl Job<'_> {
             Err(_) if self.stop.load(Ordering::Relaxed) => {
                 progress.bar.end();
                 warn("interrupted before the first frame: nothing is written");
-                return Ok(INTERRUPTED);
+                return Ok(interrupted());
             }
             made => made.map_err(self.refused)?,
         };
