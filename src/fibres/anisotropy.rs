@@ -49,6 +49,7 @@ const ROUNDED: f64 = 16.0 * f64::EPSILON;
 /// The segments of all fibres with positive length, in boxes.
 struct Segments {
     all: Vec<Segment>,
+    /// Bounding box of each group of [`TOGETHER`] segments.
     boxes: Vec<Aabb>,
     /// Greatest coordinate \[m\].
     size: f64,
@@ -85,21 +86,22 @@ impl Segment {
 impl Segments {
     fn new(fibres: &[Vec<Point3<f64>>]) -> Self {
         let all: Vec<Segment> = fibres.iter().flat_map(|line| Segment::of(line)).collect();
-        let ends = |some: &[Segment]| some.iter().flat_map(|s| s.ends).collect::<Vec<_>>();
         let boxes = all
             .chunks(TOGETHER)
-            .map(|some| Aabb::of_points(&ends(some)))
+            .map(|some| Aabb::of_points(some.iter().flat_map(|s| &s.ends)))
             .collect();
-        let size = max_or_nan(ends(&all).iter().map(|p| p.coords.amax()));
+        let size = max_or_nan(all.iter().flat_map(|s| &s.ends).map(|p| p.coords.amax()));
         Self { all, boxes, size }
     }
 
-    /// The direction of the nearest fibre where it is nearest to `p`.
+    /// The direction of the nearest fibre at its place nearest to `p`, of several equally near segments
+    /// of the first.
     fn nearest_direction(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
         let mut best: Option<(f64, f64, &Segment)> = None;
         let slack = ROUNDED * (self.size + p.coords.amax());
         for (some, bounds) in self.all.chunks(TOGETHER).zip(&self.boxes) {
             let away = (p - bounds.min.sup(&bounds.max.inf(p))).norm();
+            // A box that is farther by rounding alone can contain the nearest segment.
             if best.is_some_and(|(d, ..)| away > d.sqrt() + slack) {
                 continue;
             }
@@ -164,8 +166,10 @@ mod tests {
             let found = bent.nearest_direction(&p(1.0 + by, -by)).expect("a fibre");
             assert!((found - mean).norm() <= 1e-12, "{by}: {found}");
         }
-        let half = bent.nearest_direction(&p(0.0, -1.0)).expect("a fibre");
-        assert_eq!(half, Vector3::x());
+        let end = bent.nearest_direction(&p(0.0, -1.0)).expect("a fibre");
+        assert_eq!(end, Vector3::x());
+        let middle = bent.nearest_direction(&p(0.5, -1.0)).expect("a fibre");
+        assert!((middle - (end + mean).normalize()).norm() <= 1e-12);
         // Back on itself: a direction of one of its sides.
         let back = fibre(&[p(0.0, 0.0), p(1.0, 0.0), p(0.0, 0.0)]);
         let found = back.nearest_direction(&p(2.0, 0.0)).expect("a fibre");

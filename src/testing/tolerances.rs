@@ -51,6 +51,8 @@ pub const T22: f64 = 0.024;
 /// T23: two shapes at the same angle, reached on different paths, relative to the length of the
 /// muscle.
 pub const T23: f64 = 2e-7;
+/// T24: a whole scene in other units, relative to its size.
+pub const T24: f64 = 1e-9;
 
 /// All tolerances by name, in order.
 pub const ALL: &[(&str, f64)] = &[
@@ -77,6 +79,7 @@ pub const ALL: &[(&str, f64)] = &[
     ("T21", T21),
     ("T22", T22),
     ("T23", T23),
+    ("T24", T24),
 ];
 
 /// Number of random cases: `default`, or the value of `PLIANT_CASES`.

@@ -40,7 +40,7 @@ ones as well. Changes of volume are not judged in a folder of `pliant run` whose
 soft, except those of --rigid and those with a name that begins with bone_ or obstacle_, as `pliant run` names them.
 
 Exit codes: 0 nothing crosses, nothing is inside, volumes are held; 1 otherwise, or a coordinate is not finite; 2 a file
-cannot be read, or the usage is wrong; 130 after Ctrl-C, 143 after SIGTERM.")]
+cannot be read, or the usage is wrong; 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// A folder of frames, or a .pvd file
     #[arg(value_name = "FRAMES")]

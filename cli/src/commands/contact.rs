@@ -31,7 +31,8 @@ side of the bone (only where the vertex was outside before, so that its side is 
 RMS motion, time relative to the fastest. The second table has the signed distance of every vertex in the box of a bone by each
 method of detection. Times are measured once; on a busy machine two rows may be off by a factor of two.
 
-Exit codes: 0 done; 1 no vertex is inside a bone, or an exact method has a wrong distance; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM.")]
+Exit codes: 0 done; 1 no vertex is inside a bone, or an exact method has a wrong distance;
+2 bad usage or input; 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "press")]

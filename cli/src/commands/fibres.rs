@@ -72,7 +72,8 @@ Results in pliant-out/NAME-fibres: fibres.vtp (polylines with `fibre`, `part` (0
 insertion), `length_m` and `pennation_rad`), muscle.vtp (with `area`: 1 origin, 2 insertion), fibres.csv (a row a fibre), points.csv,
 pictures from two sides and in section, summary.json, report.html. All lengths are in m.
 
-Exit codes: 0 done; 1 points lie outside, ends off their areas, or fibres out of order; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM.")]
+Exit codes: 0 done; 1 points lie outside, ends off their areas, or fibres out of order;
+2 bad usage or input; 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// The muscle's surface; it may have holes and may be inside out
     muscle: PathBuf,

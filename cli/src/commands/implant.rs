@@ -40,7 +40,9 @@ two bases below the skin. Implant and skin come to lie over them. Without any, t
 before, which is rigid.
 
 Exit codes: 0 all is at rest and sound; 1 a skin or implant did not come to rest, crosses itself or another body, or is folded
-beyond a right angle (the check names the place), or files could not be written; 2 bad usage or input, or a folder that cannot be written to, before anything is computed; 130 after Ctrl-C, 143 after SIGTERM, with the frames that are at rest.")]
+beyond a right angle (the check names the place), or files could not be written;
+2 bad usage or input, or a folder that cannot be written to, before anything is
+computed; 130 or 143 interrupted, with the frames that are at rest.")]
 pub(super) struct Arguments {
     /// The skin
     skin: PathBuf,

@@ -1,7 +1,7 @@
 //! The command `pliant`: one file per command.
 //!
 //! Exit codes: 0 done; 1 completed, but the result fails; 2 invalid usage or input; 130 after
-//! Ctrl-C, 143 after SIGTERM.
+//! Ctrl-C; 143 after SIGTERM.
 
 mod accuracy;
 mod areas;
@@ -43,8 +43,9 @@ const DONE: u8 = 0;
 const FAILED: u8 = 1;
 /// Invalid usage or input.
 const BAD_INPUT: u8 = 2;
-/// Interrupted by Ctrl-C, or by SIGTERM from a system that ends or a queue whose time is over.
+/// Interrupted by Ctrl-C.
 const BY_CTRL_C: u8 = 130;
+/// Interrupted by SIGTERM: a machine shuts down, or the time of a job is over.
 const BY_SIGTERM: u8 = 143;
 
 /// The exit code of an interrupted command.
@@ -63,7 +64,7 @@ fn interrupted() -> u8 {
     after_help = "\
 Without a command: `pliant run hip`. Each command has an example in its --help.
 
-Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM.
+Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C; 143 after SIGTERM.
 
 Example:
   pliant run hip

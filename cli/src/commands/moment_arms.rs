@@ -45,7 +45,8 @@ envelope.
 
 Results in pliant-out/NAME-moment-arms: moment_arms.csv (each muscle over the angle), fibres.csv (each fibre), a plot of each
 muscle as .svg, fibres.pvd (open in ParaView; time is the angle in degrees), pictures, summary.json, report.html. Exit codes:
-0 done; 1 a muscle was stopped; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM.")]
+0 done; 1 a muscle was stopped;
+2 bad usage or input; 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]

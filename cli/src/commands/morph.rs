@@ -44,7 +44,8 @@ hold `origin` (0: a vertex of A, 1: of B, 2: a crossing of edges) and `displacem
 Results in pliant-out/A-B-morph: frames/*.vtp, A-B.pvd, A-B.gif, sheet.png, spheres.png, measures.csv (volume and area over t),
 summary.json, report.html.
 
-Exit codes: 0 done; 1 an end is not reproduced, or files could not be written; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM, with nothing
+Exit codes: 0 done; 1 an end is not reproduced, or files could not be written;
+2 bad usage or input; 130 or 143 interrupted, with nothing
 written.")]
 pub(super) struct Arguments {
     /// The surface at t = 0

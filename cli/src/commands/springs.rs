@@ -55,7 +55,7 @@ take it as a file.
 
 Results in pliant-out/NAME-springs: start.vtp, end.vtp and pictures of them (with --every frames/*.vtp and NAME.pvd),
 measures.csv, summary.json, report.html. Exit codes: 0 at rest; 1 not at rest within the steps, or a step failed; 2 bad usage or input;
-130 after Ctrl-C, 143 after SIGTERM.")]
+130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// A file of a spring system
     #[arg(conflicts_with_all = ["lattice", "print_scene"])]

@@ -39,7 +39,8 @@ pair is open, a volume lost in a converged frame, a refusal without a key, or no
 seconds. Its changes are reduced to those that it needs. cases/*.json keep each case. The same command
 runs the cases that are missing. The preparation of a case has no limit, and Ctrl-C waits for its end.
 
-Exit codes: 0 no finding; 1 a finding; 2 bad usage or input; 130 after Ctrl-C, 143 after SIGTERM.")]
+Exit codes: 0 no finding; 1 a finding;
+2 bad usage or input; 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     scene: String,

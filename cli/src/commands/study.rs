@@ -44,7 +44,7 @@ A study file:
 Also: name; combine = \"one at a time\"; measures = [\"time_s\", ...]. See docs/studies.md.
 
 Results in pliant-out/NAME-study: report.html, sheet.png, study.csv, summary.json, and runs/*.json, which a second call
-takes as they are where nothing that they depend on has changed. Exit code 130 after Ctrl-C, 143 after SIGTERM: finished runs are kept.")]
+takes as they are where nothing that they depend on has changed. Exit code 130 or 143 where interrupted: finished runs are kept.")]
 pub(super) struct Arguments {
     /// The study file
     file: String,

@@ -17,6 +17,7 @@ mod springs;
 mod staged;
 mod stress;
 mod study;
+mod verdicts;
 mod view;
 
 use std::fs;
@@ -340,38 +341,6 @@ fn a_shorter_run_leaves_no_frame_of_a_longer_one_and_no_foreign_file_is_touched(
         fs::read_to_string(theirs.join("summary.json")).unwrap(),
         "theirs"
     );
-}
-
-#[test]
-fn a_failed_check_ends_with_exit_code_1() {
-    let scratch = Scratch::folder();
-    let run_with = |name: &str, more: &[&str]| {
-        let out = scratch.join(name);
-        let first = ["run", "chain", "--out", shown(&out)];
-        let done = run(&[&first, more].concat());
-        (done.status.code(), text(&done.stderr), out)
-    };
-    let (code, said, _) = run_with("kept", &[]);
-    assert_eq!(code, Some(0), "control: {said}");
-    // One sweep leaves more than a hundredth of an edge.
-    let strict = ["--set", "solver.pbd.tolerance=0.01"];
-    let (code, said, out) = run_with("failed", &strict);
-    assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("FAIL"), "{said}");
-    assert_eq!(json(&out.join("summary.json"))["converged"], false);
-    let (code, said, out) = run_with("lenient", &[&strict[..], &["--lenient"]].concat());
-    assert_eq!(code, Some(0), "{said}");
-    let summary = json(&out.join("summary.json"));
-    assert_eq!(summary["passed"], false);
-    let notes = summary["notes"].as_array().unwrap();
-    assert!(
-        notes
-            .iter()
-            .any(|n| n.as_str().unwrap().contains("--lenient"))
-    );
-    let (code, said, _) = run_with("gone", &["--strict"]);
-    assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("--lenient"), "{said}");
 }
 
 #[test]
