@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
 use super::Constraint;
 use super::blocks::Block;
@@ -80,6 +80,8 @@ pub trait Project: State + Send + Sync {
     fn divide(&mut self, _steps: u32) {}
     /// Sets the shortening of fibres, relative to their length at rest.
     fn shorten(&mut self, _shortening: f64) {}
+    /// Moves the planes over bones: a point [m] and the unit normal of each.
+    fn place(&mut self, _planes: &[(Point3<f64>, Vector3<f64>)]) {}
 }
 
 /// The greatest classic stiffness that is divided among steps.

@@ -10,6 +10,7 @@ mod angle;
 pub(crate) mod batch;
 pub(crate) mod blocks;
 pub(crate) mod enclosed_volume;
+pub(crate) mod fascia;
 pub(crate) mod kernel;
 pub(crate) mod lanes;
 pub(crate) mod order;

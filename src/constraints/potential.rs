@@ -34,6 +34,8 @@ pub trait Potential: Send + Sync {
     }
     /// Sets the shortening of fibres, relative to their length at rest.
     fn shorten(&mut self, _shortening: f64) {}
+    /// Moves the planes over bones: a point [m] and the unit normal of each.
+    fn place(&mut self, _planes: &[(Point3<f64>, Vector3<f64>)]) {}
     /// State beside the positions; `None` for a part that depends on positions alone.
     fn memory(&self) -> Option<&dyn Memory> {
         None

@@ -11,7 +11,6 @@ pub(crate) mod arms;
 pub(crate) mod curve;
 pub(crate) mod names;
 pub(crate) mod reference;
-pub(crate) mod joint_weights;
 pub(crate) mod sweep;
 
 pub use arms::Arms;

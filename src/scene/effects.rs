@@ -23,9 +23,11 @@ pub struct Effects {
     pub tone: Option<f64>,
     /// Surfaces are kept from passing through each other.
     pub contact: Option<ContactEffect>,
+    /// Stiffness with which fascia holds muscles to the bones on which they lie [N/m^3].
+    pub fascia: Option<f64>,
     /// Acceleration [m/s^2].
     pub gravity: Option<Vector3<f64>>,
-    /// Rate at which velocities decay [1/s].
+    /// Rate at which velocities relative to the bones decay [1/s].
     pub damping: Option<f64>,
 }
 
@@ -152,7 +154,7 @@ pub struct MaterialSpec {
 }
 
 /// Every effect.
-pub static EFFECTS: [EffectSpec; 8] = [
+pub static EFFECTS: [EffectSpec; 9] = [
     EffectSpec {
         key: "stretch",
         help: "Edges resist a change of length.",
@@ -276,6 +278,20 @@ pub static EFFECTS: [EffectSpec; 8] = [
         },
     },
     EffectSpec {
+        key: "fascia",
+        help: "Muscles slide on bones on which they lie at rest, and do not lift off from them.",
+        keys: FASCIA,
+        material: None,
+        usual: Some(""),
+        schema: Schema::Keys(FASCIA),
+        values: |effects| Some(vec![KeyValue::Number(effects.fascia?)]),
+        set: |effects, values| {
+            if let &[KeyValue::Number(stiffness)] = values {
+                effects.fascia = Some(stiffness);
+            }
+        },
+    },
+    EffectSpec {
         key: "gravity",
         help: "Every vertex that is not held is accelerated.",
         keys: GRAVITY,
@@ -291,10 +307,10 @@ pub static EFFECTS: [EffectSpec; 8] = [
     },
     EffectSpec {
         key: "damping",
-        help: "Velocities decay.",
+        help: "Velocities relative to the bones decay.",
         keys: DAMPING,
         material: None,
-        usual: Some("rate = \"5 1/s\"\n"),
+        usual: Some("rate = \"100 1/s\"\n"),
         schema: Schema::Keys(DAMPING),
         values: |effects| Some(vec![KeyValue::Number(effects.damping?)]),
         set: |effects, values| {
@@ -363,6 +379,16 @@ const CONTACT: &[KeySpec] = &[
     .or_all(),
 ];
 
+/// A muscle that lifts off by a millimetre is pulled back with 1 kPa.
+const FASCIA: &[KeySpec] = &[KeySpec::new(
+    "stiffness",
+    KeyKind::Quantity(Dimension::BondStiffness, Limit::NotNegative),
+    "Pressure that pulls a muscle back, over the height to which it lifted off.",
+)
+.or(1e6)
+.shown_in("N/m3", 1.0)
+.over(about(100.0, 1e6))];
+
 const GRAVITY: &[KeySpec] = &[KeySpec::new(
     "acceleration",
     KeyKind::Vector(Dimension::Acceleration),
@@ -375,7 +401,7 @@ const GRAVITY: &[KeySpec] = &[KeySpec::new(
 const DAMPING: &[KeySpec] = &[KeySpec::new(
     "rate",
     KeyKind::Quantity(Dimension::Rate, Limit::NotNegative),
-    "Rate at which velocities decay.",
+    "Rate at which velocities relative to the bones decay.",
 )
 .shown_in("1/s", 1.0)
 .over(Slider::UpTo {

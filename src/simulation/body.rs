@@ -13,15 +13,17 @@ use given::{displace, forces, hold};
 
 use super::FrameSteps;
 use super::assets::Assets;
+use super::carriage::Carriage;
 use super::contraction::Contraction;
 use super::equilibrium::Equilibrium;
+use super::fascia::Ties;
 use super::fault::{Fault, LoadError};
 use super::fibres::{self, Ends};
 use super::plan::MusclePlan;
 use super::ready::{Fibres, Rest};
 use super::tracked::Tracked;
-use crate::constraints::Potential;
 use crate::constraints::distance::Distance;
+use crate::constraints::{Potential, Project};
 use crate::contact::untangle::Untangled;
 use crate::contact::{Contacts, PosedObstacle, Surface};
 use crate::fibres::binding::BoundLines;
@@ -68,6 +70,10 @@ pub struct Body {
     pub fibres: BoundLines,
     /// Shortening of the fibres.
     pub(super) contraction: Contraction,
+    /// What fascia holds.
+    pub(super) ties: Ties,
+    /// How bones carry it along.
+    pub(super) carriage: Carriage,
     /// Measures of the removal of overlap.
     pub untangled: Untangled,
     /// Target volume [m^3]; 0 without a volume constraint.
@@ -116,7 +122,9 @@ impl Body {
         system.held = hold(&attached, mesh, placed);
         system.forces = forces(scene, m, mesh.vertices.len())?;
         let both = (edges.as_slice(), contraction.edges());
-        let mut builder = Builder::new(scene, m, plan, &rest, both, &edge_stiffness, &fibres);
+        let ties = Ties::new(scene, plan, &rest, &system.particles, placed);
+        let with = (&*fibres, &ties);
+        let mut builder = Builder::new(scene, m, plan, &rest, both, &edge_stiffness, with);
         builder.build();
         let (rest_volume, target_volume) = (builder.rest_volume, builder.target_volume);
         (system.volume, system.elastic) = (builder.volume, builder.elastic);
@@ -127,6 +135,7 @@ impl Body {
             let found = contacts(&rest, &system.particles, placed, obstacles, contact);
             system.contacts = Some(found);
         }
+        let carriage = Carriage::new(scene, plan, &rest, &attached, placed);
         let lengths = edges.iter().map(|e| e.rest).collect();
         Ok(Self {
             name: muscle.name.clone(),
@@ -139,6 +148,8 @@ impl Body {
             attached,
             fibres: fibres.bound.clone(),
             contraction,
+            ties,
+            carriage,
             untangled,
             target_volume,
             rest_volume,
@@ -235,6 +246,9 @@ impl Body {
             attached: _,
             fibres: _,
             contraction,
+            // Found anew at the start of each frame.
+            ties: _,
+            carriage: _,
             untangled: _,
             target_volume: _,
             rest_volume: _,
@@ -275,11 +289,23 @@ impl Body {
         let Some(shortening) = self.contraction.at(time, done) else {
             return;
         };
-        let swept = self.system.elastic.iter_mut();
-        swept.for_each(|part| part.shorten(shortening));
+        self.each_part(
+            |part| part.shorten(shortening),
+            |part| part.shorten(shortening),
+        );
+    }
+
+    /// Changes each of its constraints, and each part of its energy.
+    pub(super) fn each_part(
+        &mut self,
+        swept: impl Fn(&mut dyn Project),
+        minimised: impl Fn(&mut dyn Potential),
+    ) {
+        let parts = self.system.elastic.iter_mut();
+        parts.for_each(|part| swept(part.as_mut()));
         if let Some(equilibrium) = self.equilibrium_mut() {
             let parts = equilibrium.energy_mut().elastic.iter_mut();
-            parts.for_each(|part| part.shorten(shortening));
+            parts.for_each(|part| minimised(part.as_mut()));
         }
     }
 

@@ -4,7 +4,7 @@ use super::body::Builder;
 use super::plan::{MusclePlan, Planner, obstacle, swept};
 use crate::constraints::{Constraint, EnclosedVolume};
 use crate::fibres::anisotropy;
-use crate::scene::{ContactPartners, EffectSpec, Scene};
+use crate::scene::{ContactEffect, ContactPartners, EffectSpec, Scene};
 use crate::solvers::stiffness;
 
 /// The computation of an effect.
@@ -32,7 +32,7 @@ pub(super) enum Scope {
 }
 
 /// Every effect, in the order of planning and building.
-pub(super) static MODELS: [EffectModel; 8] = [
+pub(super) static MODELS: [EffectModel; 9] = [
     EffectModel {
         key: "stretch",
         scope: Scope::Muscle,
@@ -82,6 +82,17 @@ pub(super) static MODELS: [EffectModel; 8] = [
         nanoseconds: 18.0,
         plan: plan_contact,
         build: None,
+    },
+    EffectModel {
+        key: "fascia",
+        scope: Scope::Muscle,
+        nanoseconds: 3.0,
+        plan: plan_fascia,
+        build: Some(|builder| {
+            if let Some(fascia) = builder.ties.part() {
+                builder.add_part(fascia);
+            }
+        }),
     },
     EffectModel {
         key: "gravity",
@@ -181,6 +192,23 @@ fn plan_contact(planner: &mut Planner<'_>) {
             planner.leave(&effect, "the boxes that muscle and bone sweep never meet");
         }
     }
+}
+
+fn plan_fascia(planner: &mut Planner<'_>) {
+    let is_kept_out = |contact: ContactEffect| contact.between.bones;
+    let why = if planner.scene.effects.fascia == Some(0.0) {
+        "its stiffness is zero"
+    } else if !planner.scene.effects.contact.is_some_and(is_kept_out) {
+        "it holds muscles to the bones that `contact` keeps them out of"
+    } else if planner.scene.solver.has_classic_stiffness() {
+        "classic PBD has no stiffness in N/m"
+    } else if !planner.has_obstacles() {
+        "no bone is within reach"
+    } else {
+        let count = planner.mesh().vertices.len();
+        return planner.run("fascia", count, count * 72);
+    };
+    planner.leave("fascia", why);
 }
 
 /// Contact of a muscle with itself and with the muscles after it.

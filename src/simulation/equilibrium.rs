@@ -106,7 +106,7 @@ impl Equilibrium {
     ) -> Result<(), Broken> {
         let dt = of.dt;
         let start = system.particles.position.clone();
-        self.aim(&system.particles, system.settings.velocity_factor * dt);
+        self.aim(system, dt);
         let held: Vec<(u32, Point3<f64>)> = system
             .held
             .iter()
@@ -143,12 +143,11 @@ impl Equilibrium {
         Ok(())
     }
 
-    /// Sets where the inertia takes the particles with a share of their velocities for `time` [s].
-    pub(super) fn aim(&mut self, particles: &Particles, time: f64) {
+    /// Sets where the inertia takes the particles in a step of `dt` [s].
+    pub(super) fn aim(&mut self, system: &System, dt: f64) {
         if let Some(inertia) = &mut self.solver.problem.energy.inertia {
-            let each = particles.position.iter().zip(&particles.velocity);
             inertia.target.clear();
-            inertia.target.extend(each.map(|(x, v)| x + v * time));
+            inertia.target.extend(system.coasting(dt));
         }
     }
 

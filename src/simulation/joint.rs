@@ -86,7 +86,6 @@ impl Joint {
         let mut held = Vec::new();
         for (body, range) in bodies.iter_mut().zip(&self.ranges) {
             let system = &mut body.system;
-            let factor = system.settings.velocity_factor * dt;
             let first = range.start as u32;
             held.extend(
                 system
@@ -97,7 +96,7 @@ impl Joint {
             let Stepper::Minimum(equilibrium) = &mut body.method else {
                 continue;
             };
-            equilibrium.aim(&system.particles, factor);
+            equilibrium.aim(system, dt);
         }
         take(bodies, &self.ranges, &mut self.solver.problem.energy);
         let mut x = start.clone();

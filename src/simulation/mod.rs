@@ -5,16 +5,19 @@ pub(crate) mod attachments;
 pub(crate) mod audit;
 pub(crate) mod body;
 mod bonds;
+mod carriage;
 pub mod checkpoint;
 mod contact_comparison;
 mod contraction;
 mod effects;
+mod fascia;
 pub(crate) mod equilibrium;
 pub(crate) mod tracked;
 mod fault;
 mod fibres;
 mod ready;
 mod joint;
+pub(crate) mod joint_weights;
 pub(crate) mod lattice;
 pub(crate) mod measures;
 pub(crate) mod plan;
@@ -162,6 +165,7 @@ impl Simulation {
         };
         simulation.gather();
         simulation.note_bonds();
+        simulation.note_fascia();
         Ok(simulation)
     }
 

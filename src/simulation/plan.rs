@@ -261,6 +261,11 @@ impl<'a> Planner<'a> {
         self.decided.runs(effect)
     }
 
+    /// Whether a bone or capsule is within reach, as planned so far.
+    pub fn has_obstacles(&self) -> bool {
+        !self.decided.obstacles.is_empty()
+    }
+
     /// The box that the muscle is expected to stay in, see [`reach`].
     pub fn reach(&self) -> Option<Aabb> {
         reach(self.scene, self.mesh(), self.m)

@@ -223,10 +223,19 @@ impl Body {
 
     /// Sets what changes with time in a step: the shortening of fibres, and a volume under pressure.
     pub(super) fn prepare(&mut self, of: &FrameSteps<'_>, step: usize) {
+        let particles = &self.system.particles;
+        let (x, w) = (&particles.position, &particles.inverse_mass);
         if let (0, Some(placed)) = (step, of.steps.last()) {
-            let particles = &self.system.particles;
-            let (x, w) = (&particles.position, &particles.inverse_mass);
             self.contraction.begin_frame(x, w, placed);
+            let obstacles = self.system.contacts.as_ref();
+            let obstacles = obstacles.map_or(&[][..], |contacts| contacts.obstacles());
+            self.ties.begin_frame(x, obstacles, &of.steps[0]);
+        }
+        self.carriage
+            .carry(x, &of.steps[step], &mut self.system.carried);
+        let planes = self.ties.planes(&of.steps[step]);
+        if !planes.is_empty() {
+            self.each_part(|part| part.place(&planes), |part| part.place(&planes));
         }
         let done = (step + 1) as f64 / of.steps.len() as f64;
         self.shorten((of.frame - 1) as f64 + done, done);

@@ -6,6 +6,7 @@ use std::time::Instant;
 use nalgebra::{Point3, Vector3};
 
 use super::parts::Parts;
+use crate::constraints::fascia::FASCIA;
 use crate::constraints::{EnclosedVolume, KINDS, Project, Residual};
 use crate::contact::{Contacts, PosedObstacle};
 use crate::particles::{Numbering, Packed, Particles, Slot};
@@ -29,7 +30,8 @@ pub struct StepSettings {
     pub iterations: u32,
     /// Acceleration of all particles [m/s^2].
     pub gravity: Vector3<f64>,
-    /// Factor on the velocities at the beginning of each step, 0..1.
+    /// Factor on the velocities at the beginning of each step, 0..1, relative to those with which bones
+    /// carry the body along.
     pub velocity_factor: f64,
     /// Factor on the increments by gravity and forces in each step: 1, except in classic PBD, which
     /// damps after them \[mueller2007\].
@@ -88,9 +90,10 @@ impl Broken {
 }
 
 /// Effects on a body other than the kinds of constraints, and their combinations.
-const EFFECTS: [&str; 6] = [
+const EFFECTS: [&str; 7] = [
     "motion",
     "contact",
+    FASCIA,
     "volume",
     "equilibrium",
     "step",
@@ -137,6 +140,8 @@ pub struct System {
     pub contacts: Option<Contacts>,
     /// Particles that bones carry.
     pub held: Vec<Held>,
+    /// By how far bones carry each particle along in the present step [m]; empty: not at all.
+    pub carried: Vec<Vector3<f64>>,
     /// Constant forces [N].
     pub forces: Vec<(u32, Vector3<f64>)>,
     /// Settings of a step.
@@ -165,6 +170,7 @@ impl System {
             volume: None,
             contacts: None,
             held: Vec::new(),
+            carried: Vec::new(),
             forces: Vec::new(),
             settings,
             clock: Clock::default(),
@@ -374,10 +380,13 @@ impl System {
         } = self.settings;
         let (particles, parts) = (&mut self.particles, &mut self.parts);
         if parts.begins() {
-            particles
-                .velocity
-                .iter_mut()
-                .for_each(|v| *v *= velocity_factor);
+            let velocities = particles.velocity.iter_mut();
+            if self.carried.is_empty() {
+                velocities.for_each(|v| *v *= velocity_factor);
+            } else {
+                let each = velocities.zip(&self.carried);
+                each.for_each(|(v, by)| *v = damped(v, by, velocity_factor, dt));
+            }
             let pull = parts.whole(dt) * force_factor;
             for &(vertex, force) in &self.forces {
                 particles.velocity[vertex as usize] +=
@@ -403,6 +412,17 @@ impl System {
         for held in &self.held {
             particles.position[held.vertex as usize] = placed[held.bone].now * held.local;
         }
+    }
+
+    /// Where inertia takes each particle in a step of `dt` [s] without forces [m].
+    pub(crate) fn coasting(&self, dt: f64) -> impl Iterator<Item = Point3<f64>> {
+        let factor = self.settings.velocity_factor;
+        let each = self.particles.position.iter().zip(&self.particles.velocity);
+        each.enumerate()
+            .map(move |(i, (x, v))| match self.carried.get(i) {
+                Some(by) => x + damped(v, by, factor, dt) * dt,
+                None => x + v * (factor * dt),
+            })
     }
 
     fn take_velocities(&mut self, dt: f64) {
@@ -509,6 +529,12 @@ impl System {
     }
 }
 
+/// A velocity [m/s] at the beginning of a step of `dt` [s] in which bones carry the particle by `by` [m].
+fn damped(v: &Vector3<f64>, by: &Vector3<f64>, factor: f64, dt: f64) -> Vector3<f64> {
+    let along = by / dt;
+    along + (v - along) * factor
+}
+
 /// Without contact, whose obstacles belong to the whole simulation.
 impl State for System {
     fn save(&self, to: &mut Writer) {
@@ -518,6 +544,8 @@ impl State for System {
             volume,
             contacts: _,
             held: _,
+            // Of the present step.
+            carried: _,
             forces: _,
             settings: _,
             // Times are no part of the results.

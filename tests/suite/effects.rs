@@ -37,6 +37,7 @@ struct Wish {
     anisotropy: Asked,
     tone: Asked,
     contact: Asked,
+    fascia: Asked,
     gravity: Asked,
     damping: Asked,
     fibres: bool,
@@ -50,6 +51,7 @@ const NOTHING: Wish = Wish {
     anisotropy: Absent,
     tone: Absent,
     contact: Absent,
+    fascia: Absent,
     gravity: Absent,
     damping: Absent,
     fibres: false,
@@ -137,6 +139,12 @@ fn scene(wish: &Wish) -> String {
         "contact",
         "thickness = '1 mm'\nbetween = ['bones']",
         "thickness = '1 mm'",
+    );
+    effect(
+        wish.fascia,
+        "fascia",
+        "stiffness = '0 N/m3'",
+        "stiffness = '1e7 N/m3'",
     );
     let gravity = |g: &str| format!("acceleration = ['0 m/s2', '{g} m/s2', '0 m/s2']");
     effect(wish.gravity, "gravity", &gravity("0"), &gravity("-9.81"));
@@ -228,16 +236,29 @@ fn wish() -> impl Strategy<Value = Wish> {
         asked(),
         asked(),
         asked(),
+        asked(),
         any::<bool>(),
     );
     effects.prop_map(
-        |(stretch, bending, volume, anisotropy, tone, contact, gravity, damping, fibres)| Wish {
+        |(
             stretch,
             bending,
             volume,
             anisotropy,
             tone,
             contact,
+            fascia,
+            gravity,
+            damping,
+            fibres,
+        )| Wish {
+            stretch,
+            bending,
+            volume,
+            anisotropy,
+            tone,
+            contact,
+            fascia,
             gravity,
             damping,
             fibres,
@@ -263,6 +284,12 @@ fn plain(wish: &Wish) -> Wish {
     };
     let [stretch, bending] = [only(wish.stretch), only(wish.bending)];
     let [contact, gravity, damping] = [only(wish.contact), only(wish.gravity), only(wish.damping)];
+    // It holds to the bones of contact, by a stiffness in N/m.
+    let fascia = if volume == Void || contact == Absent {
+        Absent
+    } else {
+        only(wish.fascia)
+    };
     Wish {
         stretch,
         bending,
@@ -270,6 +297,7 @@ fn plain(wish: &Wish) -> Wish {
         anisotropy,
         tone,
         contact,
+        fascia,
         gravity,
         damping,
         fibres: wish.fibres,
@@ -289,6 +317,7 @@ proptest! {
             (plain.bending, "bending", "bending"),
             (plain.volume, "volume", "volume"),
             (plain.contact, "contact with plate", "contact"),
+            (plain.fascia, "fascia", "fascia"),
         ];
         for (asked, in_plan, in_clock) in parts {
             prop_assert_eq!(found.planned.contains_key(in_plan), asked == On, "{} in {:?}", in_plan, found.planned);
@@ -320,6 +349,16 @@ fn an_effect_that_acts_leaves_a_trace() {
         ..NOTHING
     };
     let still = traces(&moving);
+    // It acts on what lifts off: see `fascia.rs`.
+    let on_bone = Wish {
+        contact: On,
+        ..moving
+    };
+    let tied = Wish {
+        fascia: On,
+        ..on_bone
+    };
+    assert_ne!(traces(&tied).calls, traces(&on_bone).calls);
     let with: [(&str, Wish); 6] = [
         (
             "bending",

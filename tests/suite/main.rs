@@ -18,6 +18,7 @@ mod effects;
 mod enclosed_volume;
 mod equilibrium;
 mod errata;
+mod fascia;
 mod fibres;
 mod filled;
 #[path = "../io.rs"]

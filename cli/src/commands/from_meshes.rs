@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::scene_text::{name_after, quoted};
 use super::{environment, length_unit};
 use pliant::contact::{Obstacle, Surface};
-use pliant::mesh::TriangleMesh;
+use pliant::mesh::{Topology, TriangleMesh};
 use pliant::scene::{EFFECTS, Scene, Surroundings, parse_with};
 use pliant::simulation::Assets;
 
@@ -17,6 +17,15 @@ const NEAR_MM: f64 = 3.0;
 /// Greatest share of a muscle that is attached to one bone [%]; for all bones together twice as
 /// much.
 const LIMIT_PERCENT: f64 = 5.0;
+
+/// A mesh is even if its shortest edges are not shorter than this share of the median one: one edge in
+/// [`SHORTEST`].
+const EVEN: f64 = 0.5;
+const SHORTEST: usize = 20;
+
+/// Number of vertices of an uneven mesh after remeshing: a muscle then runs for some ten seconds, and the
+/// shape is kept to a tenth of an edge.
+const REMESHED: f64 = 2500.0;
 
 /// Meshes to run without a scene file.
 #[derive(Debug, Default, clap::Args)]
@@ -85,7 +94,7 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
     // Only the unchanged meshes show which bones a muscle is attached to.
     let free = base.toml(&[]);
     let assets = Assets::load(&parse(&free, changes)?).map_err(Failure::of_meshes)?;
-    let toml = base.toml(&holders(&assets));
+    let toml = base.toml(&of_muscles(&assets));
     Ok((parse(&toml, changes)?, toml))
 }
 
@@ -131,6 +140,60 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
     Ok(all)
 }
 
+/// What the unchanged meshes show of a muscle.
+struct Found {
+    /// The bones near it.
+    holders: Vec<usize>,
+    /// Why it is remeshed, and to which edges [m]; `None` for an even mesh.
+    remeshed: Option<(String, f64)>,
+}
+
+fn of_muscles(assets: &Assets) -> Vec<Found> {
+    let each = holders(assets).into_iter().zip(&assets.muscles);
+    each.map(|(holders, muscle)| Found {
+        holders,
+        remeshed: uneven(&muscle.mesh),
+    })
+    .collect()
+}
+
+/// Why a mesh with edges of unlike lengths is remeshed, and to which edges [m]. Its shortest edges
+/// would need the shortest steps, and its longest ones bend in facets.
+fn uneven(mesh: &TriangleMesh) -> Option<(String, f64)> {
+    let topology = Topology::new(mesh);
+    let is_fit = topology.is_oriented() && topology.non_manifold_vertices(mesh).is_empty();
+    let mut lengths = topology.edge_lengths(mesh);
+    if !is_fit || lengths.is_empty() || !lengths.iter().all(|l| l.is_finite()) {
+        return None;
+    }
+    lengths.sort_by(f64::total_cmp);
+    let (short, median) = (
+        lengths[lengths.len() / SHORTEST],
+        lengths[lengths.len() / 2],
+    );
+    if short >= EVEN * median {
+        return None;
+    }
+    // Of as many vertices in equilateral triangles.
+    let edge = (2.0 * mesh.area() / (3.0_f64.sqrt() * REMESHED)).sqrt();
+    let (shortest, longest) = (lengths[0], lengths[lengths.len() - 1]);
+    let why = format!(
+        "the file has edges of {} to {} mm, half of them below {} mm; without this line they stay",
+        mm(shortest),
+        mm(longest),
+        mm(median)
+    );
+    (edge > 0.0).then_some((why, edge))
+}
+
+/// A length [m] in millimetres with three digits.
+fn mm(length: f64) -> String {
+    let digits = format!("{:.2e}", length * 1e3);
+    digits
+        .parse()
+        .map_or(digits, |number: f64| number.to_string())
+}
+
 /// The bones near each muscle.
 fn holders(assets: &Assets) -> Vec<Vec<usize>> {
     let surfaces: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
@@ -156,8 +219,8 @@ struct Written<'a> {
 }
 
 impl Written<'_> {
-    /// The scene as TOML; `holders` are the bones that each muscle is attached to.
-    fn toml(&self, holders: &[Vec<usize>]) -> String {
+    /// The scene as TOML, with what was `found` of each muscle.
+    fn toml(&self, found: &[Found]) -> String {
         let text = quoted;
         let unit = text(self.unit);
         let scene = self.muscles.first().map_or("meshes", |m| m.name.as_str());
@@ -176,7 +239,12 @@ impl Written<'_> {
             toml.push_str(&format!(
                 "\n[[muscle]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"
             ));
-            let held = holders.get(m).map_or(&[][..], Vec::as_slice);
+            let found = found.get(m);
+            if let Some((why, edge)) = found.and_then(|found| found.remeshed.as_ref()) {
+                let edge = mm(*edge);
+                toml.push_str(&format!("# {why}\nedge_length = \"{edge} mm\"\n"));
+            }
+            let held = found.map_or(&[][..], |found| found.holders.as_slice());
             // All bones together can fix a tenth of a muscle's vertices.
             let limit = LIMIT_PERCENT.min(2.0 * LIMIT_PERCENT / held.len().max(1) as f64);
             for &b in held {

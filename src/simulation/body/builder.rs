@@ -5,6 +5,7 @@ use crate::constraints::{Batch, Constraint, EnclosedVolume, FibreDistance, Proje
 use crate::constraints::{Potential, Quadratic};
 use crate::scene::{Muscle, Scene};
 use crate::simulation::effects::MODELS;
+use crate::simulation::fascia::Ties;
 use crate::simulation::plan::MusclePlan;
 use crate::simulation::ready::{Fibres, Rest};
 use crate::solvers::stiffness;
@@ -21,6 +22,8 @@ pub(in crate::simulation) struct Builder<'a> {
     /// Stiffness of the edges [N/m].
     pub edge_stiffness: &'a [f64],
     pub fibres: &'a Fibres,
+    /// What fascia holds.
+    pub ties: &'a Ties,
     /// Vertices with prescribed forces or displacements.
     loaded: Vec<u32>,
     /// Target volume [m^3].
@@ -44,7 +47,7 @@ impl<'a> Builder<'a> {
         rest: &'a Rest,
         (edges, contracting): (&'a [Distance], &'a [FibreDistance]),
         edge_stiffness: &'a [f64],
-        fibres: &'a Fibres,
+        (fibres, ties): (&'a Fibres, &'a Ties),
     ) -> Self {
         let muscle = &scene.muscles[m];
         let is_closed = rest.topology().is_closed();
@@ -61,6 +64,7 @@ impl<'a> Builder<'a> {
             contracting,
             edge_stiffness,
             fibres,
+            ties,
             loaded: loaded_vertices(muscle),
             target_volume,
             rest_volume,
@@ -92,6 +96,15 @@ impl<'a> Builder<'a> {
         } else if !constraints.is_empty() {
             let energy = Quadratic::<C, K>::new(constraints, stiffness);
             self.potentials.push(Box::new(energy));
+        }
+    }
+
+    /// Adds a part that is both a constraint and an energy.
+    pub fn add_part(&mut self, part: impl Project + Potential + 'static) {
+        if self.scene.solver.minimisation().is_none() {
+            self.elastic.push(Box::new(part));
+        } else {
+            self.potentials.push(Box::new(part));
         }
     }
 

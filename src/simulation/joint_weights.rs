@@ -17,24 +17,23 @@ pub type Distances = [f64; 2];
 /// distance of a vertex inside an obstacle is 0.
 pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Distances> {
     let from = |v: &nalgebra::Point3<f64>| {
-        let mut found = [f64::INFINITY; 2];
-        for (bone, turns) in bones {
-            let Some(closest) = bone.closest(v) else {
-                continue;
-            };
-            let least = &mut found[usize::from(*turns)];
-            // The factorisation reports a NaN; `f64::min` would hide it.
-            if !(closest.distance >= *least) {
-                *least = if closest.distance < 0.0 {
-                    0.0
-                } else {
-                    closest.distance
-                };
-            }
-        }
-        found
+        let each = bones.iter();
+        nearest(each.filter_map(|(bone, turns)| Some((bone.closest(v)?.distance, *turns))))
     };
     mesh.vertices.iter().map(from).collect()
+}
+
+/// Distances of a vertex from its signed distances \[m\] to obstacles, each with whether it turns.
+pub fn nearest(all: impl Iterator<Item = (f64, bool)>) -> Distances {
+    let mut found = [f64::INFINITY; 2];
+    for (distance, turns) in all {
+        let least = &mut found[usize::from(turns)];
+        // The factorisation reports a NaN; `f64::min` would hide it.
+        if !(distance >= *least) {
+            *least = if distance < 0.0 { 0.0 } else { distance };
+        }
+    }
+    found
 }
 
 /// Shares from 0 to 1 that minimise
@@ -49,7 +48,6 @@ pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Di
 /// vertices with prescribed joint weights.
 ///
 /// # Errors
-/// A part of the mesh without a held vertex and without a bone, or too little memory.
 /// A part of the mesh that nothing holds and no bone is near, or no memory.
 pub fn joint_weights(
     mesh: &TriangleMesh,
