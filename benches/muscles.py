@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Runs each muscle of the measured data alone with its bones through 60 degrees of a joint, with default settings, and prints a table.
 
-    python3 benches/muscles.py                  each mesh as given, and remeshed to edges of 4 mm: about half an hour on 2 cores
-    python3 benches/muscles.py --given          only as given: about ten minutes
+    python3 benches/muscles.py                  each mesh remeshed as `pliant run --muscles` does: about ten minutes on 2 cores
+    python3 benches/muscles.py --given          each mesh as given: about ten minutes
     python3 benches/muscles.py iliacus psoas    only meshes whose name contains one of these
     python3 benches/muscles.py --keep FOLDER    keeps the scenes and their summaries
 
-The data are those of PLIANT_DATA, otherwise ../shared/data; without them it says "skipped". Each muscle keeps its tone, moves for 100
+The data are those of PLIANT_DATA, otherwise ../shared/data; without them it says "skipped". Each muscle has tone and fascia, moves for 100
 frames, back for 100, and rests for 100. Steps are not named, so that they follow from the motion.
 
 The joints are stand-ins: a joint turns about the x axis (to the left of the body) through the middle of the end of a bone. Where the data
@@ -17,6 +17,7 @@ the joint. Needs the release build of `pliant`. Standard library only.
 import argparse
 import csv
 import json
+import math
 import os
 import pathlib
 import statistics
@@ -102,6 +103,20 @@ LONGEST = 300
 END = 0.04
 
 
+# Number of vertices after remeshing.
+REMESHED = 2500
+
+
+def even_edge(vertices, triangles):
+    """Length [mm] of the edges of as many equilateral triangles."""
+    area = 0.0
+    for corners in triangles:
+        a, b, c = (vertices[k] for k in corners)
+        (ux, uy, uz), (vx, vy, vz) = ([q - p for p, q in zip(a, end)] for end in (b, c))
+        area += 0.5 * math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
+    return 1e3 * math.sqrt(2 * area / (3**0.5 * REMESHED))
+
+
 def bone_file(bone):
     name = f"{bone}.obj" if bone == "Sacrum" else f"{bone}.r.obj"
     return DATA / "bones" / name
@@ -176,13 +191,13 @@ def scene(folder, name, path, kind, edge):
     if area:
         text += bone("stand-in", f"{name}-bone.obj", motion(joint) if open_end is min else "")
     text += f'\n[[muscle]]\nname = "{name}"\nmesh = "{path}"\nunit = "m"\nrepair = true\nclose_holes = 60\n'
-    text += f'edge_length = "{edge} mm"\n' if edge else ""
+    text += f'edge_length = "{edge:.3f} mm"\n' if edge else ""
     for b, near in held.items():
         text += attachment(b, f'near = "{near} mm"', limit)
     text += attachment("stand-in", area, limit) if area else ""
     text += '[muscle.fibres]\nmethod = "harmonic"\n'
     text += '\n[effects.stretch]\n[effects.bending]\n[effects.volume]\n[effects.tone]\n[effects.contact]\nthickness = "0.5 mm"\n'
-    text += '[effects.damping]\nrate = "5 1/s"\n[solver.xpbd]\n'
+    text += '[effects.fascia]\n[effects.damping]\nrate = "100 1/s"\n[solver.xpbd]\n'
     file = folder / f"{name}.toml"
     file.write_text(text)
     return file
@@ -246,10 +261,10 @@ def main():
         for name, path, kind in wanted:
             joint, _, end = kind
             missing = {None: "-", min: "lower", max: "upper"}[end]
-            for edge in (None,) if options.given else (None, 4):
-                cells = run(folder, name.replace(" ", "_"), path, kind, edge)
-                first = [name.replace("_", " "), joint, missing, "4 mm" if edge else "as given"]
-                print("| " + " | ".join(first + cells) + " |", flush=True)
+            edge = None if options.given else even_edge(*mesh(path))
+            cells = run(folder, name.replace(" ", "_"), path, kind, edge)
+            first = [name.replace("_", " "), joint, missing, f"{edge:.1f} mm" if edge else "as given"]
+            print("| " + " | ".join(first + cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -34,9 +34,15 @@ pub fn component(patch: &TriangleMesh, index: Option<usize>) -> Option<TriangleM
     })
 }
 
-/// Vertices within `within` [m] of a surface (inside counts as 0 if it is solid), nearest first, at
-/// most the share `limit` of all. `closest` has the closest point of the surface to each vertex.
-pub fn among(closest: &[Option<Projection>], solid: bool, within: f64, limit: f64) -> Vec<u32> {
+/// Vertices within `within` [m] of a surface (inside counts as 0 if it is solid) for which `holds` is true,
+/// nearest first, at most the share `limit` of all. `closest` has the closest point of the surface to
+/// each vertex.
+pub fn among(
+    closest: &[Option<Projection>],
+    solid: bool,
+    (within, limit): (f64, f64),
+    mut holds: impl FnMut(u32) -> bool,
+) -> Vec<u32> {
     let mut found: Vec<(f64, u32)> = closest
         .iter()
         .enumerate()
@@ -51,8 +57,9 @@ pub fn among(closest: &[Option<Projection>], solid: bool, within: f64, limit: f6
         })
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    found.truncate((limit * closest.len() as f64) as usize);
-    found.into_iter().map(|(_, v)| v).collect()
+    let most = (limit * closest.len() as f64) as usize;
+    let held = found.into_iter().map(|(_, v)| v);
+    held.filter(|&v| holds(v)).take(most).collect()
 }
 
 /// Merges the vertices of several attachments. A vertex of two attachments belongs to the first.
@@ -124,9 +131,12 @@ mod tests {
             .map(|k| Point3::new(1.0 + 0.01 * f64::from(k), 0.0, 0.0))
             .collect();
         let closest: Vec<Option<Projection>> = x.iter().map(|p| surface.closest(p)).collect();
-        let nearest = |within, limit| among(&closest, true, within, limit);
+        let nearest = |within, limit| among(&closest, true, (within, limit), |_| true);
         assert_eq!(nearest(0.055, 1.0), [0, 1, 2, 3, 4, 5]);
         assert_eq!(nearest(0.5, 0.1), [0, 1]);
+        // The limit counts what holds.
+        let odd = |v: u32| v % 2 == 1;
+        assert_eq!(among(&closest, true, (0.5, 0.1), odd), [1, 3]);
     }
 
     #[test]

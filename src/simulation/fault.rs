@@ -125,6 +125,16 @@ pub enum Fault {
         /// The greatest one [%].
         most: f64,
     },
+    /// E083: an attachment whose vertices the motion carries into another bone.
+    #[error(
+        "the motion carries every vertex that is that near into `{bone}`, the first in frame {frame}"
+    )]
+    CarriedInto {
+        /// Name of the other bone.
+        bone: String,
+        /// Frame in which the nearest vertex enters it.
+        frame: usize,
+    },
     /// E080: two surfaces that cannot be parted at the start.
     #[error(transparent)]
     Inseparable(#[from] Inseparable),
@@ -154,6 +164,7 @@ impl Fault {
             Self::Inseparable(_) => "E080",
             Self::NoFibres { .. } => "E081",
             Self::TooMuchTone { .. } => "E082",
+            Self::CarriedInto { .. } => "E083",
         }
     }
 
@@ -181,6 +192,9 @@ impl Fault {
                 .to_owned(),
             Self::TooManyAttached { .. } => "lower `limit` or the distances".to_owned(),
             Self::Unheld => "attach every piece of it to a bone, or let it move: [solver.xpbd]".to_owned(),
+            Self::CarriedInto { .. } => "check the joint's `centre` and `axis` and the range of the motion, or hold the muscle \
+                elsewhere"
+                .to_owned(),
             Self::FactorTooLarge { .. } => "ask for a longer `edge_length`, or use [solver.xpbd]".to_owned(),
             Self::Skin(error) => error.help().to_owned(),
             Self::Lattice(_) => "change `stiffness`, `mass`, `damping` or `frame_rate`".to_owned(),

@@ -9,6 +9,7 @@ mod carriage;
 pub mod checkpoint;
 mod contact_comparison;
 mod contraction;
+mod course;
 mod effects;
 mod fascia;
 pub(crate) mod equilibrium;
@@ -146,6 +147,7 @@ impl Simulation {
         for (muscle, asset) in scene.muscles.iter().zip(&assets.muscles) {
             notes.extend(asset.notes.iter().map(|n| format!("{}: {n}", muscle.name)));
         }
+        notes.extend(start.notes);
         let substeps = scene.solver.substeps();
         let mut simulation = Self {
             plan,

@@ -24,6 +24,8 @@ pub(super) struct Start {
     pub muscles: Vec<(Vec<Attached>, Arc<Rest>, Untangled)>,
     /// The pairs that overlapped.
     pub pairs: Vec<PartedPair>,
+    /// What of the attachments is not held.
+    pub notes: Vec<String>,
 }
 
 impl Start {
@@ -40,10 +42,12 @@ impl Start {
         placed: &[PosedObstacle],
         surfaces: &[Arc<Surface>],
     ) -> Result<Self, LoadError> {
-        let mut attached = Vec::new();
+        let (mut attached, mut said) = (Vec::new(), Vec::new());
         for (m, asset) in assets.muscles.iter().enumerate() {
             let read = assets.ready.rest(&asset.mesh);
-            attached.push(attach(scene, m, &read, assets, placed)?);
+            let (held, notes) = attach(scene, m, &read, assets, placed)?;
+            attached.push(held);
+            said.extend(notes);
         }
         let bones: Vec<_> = surfaces
             .iter()
@@ -58,7 +62,7 @@ impl Start {
             .collect();
         let given = plan.muscles.iter().any(|muscle| muscle.rest.is_some());
         let Some(contact) = scene.effects.contact.filter(|_| !given) else {
-            return Ok(Self::of(attached, muscles, Vec::new()));
+            return Ok(Self::of(attached, muscles, Vec::new(), said));
         };
         // The order in which a scene lists them changes nothing.
         let mut all: Vec<usize> = (0..muscles.len()).collect();
@@ -99,13 +103,14 @@ impl Start {
             }
             pairs.extend(parted.pairs.iter().cloned());
         }
-        Ok(Self::of(attached, muscles, pairs))
+        Ok(Self::of(attached, muscles, pairs, said))
     }
 
     fn of(
         attached: Vec<Vec<Attached>>,
         rests: Vec<(Arc<Rest>, Untangled)>,
         pairs: Vec<PartedPair>,
+        notes: Vec<String>,
     ) -> Self {
         let muscles = attached.into_iter().zip(rests);
         Self {
@@ -113,6 +118,7 @@ impl Start {
                 .map(|(attached, (rest, done))| (attached, rest, done))
                 .collect(),
             pairs,
+            notes,
         }
     }
 }

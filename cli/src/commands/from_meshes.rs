@@ -275,3 +275,34 @@ fn usual_effects() -> String {
     }
     toml
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::mesh::shapes::icosphere;
+
+    #[test]
+    fn a_mesh_with_edges_of_unlike_lengths_is_remeshed_and_an_even_one_is_not() {
+        let even = icosphere(0.02, 3);
+        assert_eq!(uneven(&even), None);
+        // One side is drawn together: triangles of a tenth of the size.
+        let mut drawn = even.clone();
+        for v in drawn.vertices.iter_mut().filter(|v| v.z > 0.012) {
+            (v.x, v.y) = (0.1 * v.x, 0.1 * v.y);
+        }
+        let (why, edge) = uneven(&drawn).expect("uneven");
+        let vertices = 2.0 * drawn.area() / (3.0_f64.sqrt() * edge * edge);
+        assert!((vertices - REMESHED).abs() <= 1e-9 * REMESHED, "{vertices}");
+        assert!(why.contains("without this line"), "{why}");
+        // Control: what no remeshing can take stays as it is.
+        drawn.triangles.push(drawn.triangles[0]);
+        assert_eq!(uneven(&drawn), None);
+    }
+
+    #[test]
+    fn lengths_have_three_digits() {
+        assert_eq!(mm(0.004_312), "4.31");
+        assert_eq!(mm(0.000_000_5), "0.0005");
+        assert_eq!(mm(12.0), "12000");
+    }
+}

@@ -10,6 +10,7 @@ use crate::particles::Particles;
 use crate::scene::{AreaSpec, Scene};
 use crate::simulation::assets::Assets;
 use crate::simulation::attachments::{self, Attached};
+use crate::simulation::course::Course;
 use crate::simulation::fault::{Fault, LoadError};
 use crate::simulation::ready::Rest;
 use crate::solvers::Held;
@@ -20,9 +21,10 @@ pub(in crate::simulation) fn attach(
     rest: &Rest,
     assets: &Assets,
     placed: &[PosedObstacle],
-) -> Result<Vec<Attached>, LoadError> {
+) -> Result<(Vec<Attached>, Vec<String>), LoadError> {
     let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
-    let mut choices = Vec::new();
+    let (mut choices, mut notes) = (Vec::new(), Vec::new());
+    let edge = mesh.median_edge_length(&rest.topology()).unwrap_or(0.0);
     for (a, (attachment, patch)) in muscle
         .attachments
         .iter()
@@ -42,6 +44,8 @@ pub(in crate::simulation) fn attach(
             None => placed[bone].obstacle.clone(),
         };
         let near = || rest.near(&obstacle, &placed[bone].now);
+        let course = Course::new(scene, bone, placed, edge);
+        let mut carried = Vec::new();
         let found = match (&attachment.area, patch) {
             (AreaSpec::Vertices(list), _) => {
                 check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some()).map_err(
@@ -52,18 +56,43 @@ pub(in crate::simulation) fn attach(
                 list.clone()
             }
             (AreaSpec::Near(within), _) => {
-                attachments::among(&near().closest, true, *within, attachment.limit)
+                let most = (*within, attachment.limit);
+                attachments::among(&near().closest, true, most, |v| {
+                    course.stays_out(&mesh.vertices[v as usize], &mut carried)
+                })
             }
             (AreaSpec::Patch { within, .. }, Some(_)) => {
-                attachments::among(&near().closest, false, *within, attachment.limit)
+                let most = (*within, attachment.limit);
+                attachments::among(&near().closest, false, most, |v| {
+                    course.stays_out(&mesh.vertices[v as usize], &mut carried)
+                })
             }
             (AreaSpec::Patch { .. }, None) => Vec::new(),
         };
+        if let Some(&(other, frame)) = carried.first() {
+            if found.is_empty() {
+                let (bone, area) = (placed[other].name.clone(), area_key(patch.is_some()));
+                let fault = Fault::CarriedInto { bone, frame };
+                return Err(LoadError::new(
+                    scene,
+                    &format!("{key}.{area}"),
+                    part(),
+                    fault,
+                ));
+            }
+            notes.push(format!(
+                "{}: {} vertices near {} are free: the motion would carry them into {}, one in frame {frame}",
+                muscle.name,
+                carried.len(),
+                placed[bone].name,
+                placed[other].name
+            ));
+        }
         if found.is_empty() {
             let near = near();
             let distances = near.closest.iter().flatten().map(|c| c.distance.abs());
             let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
-            let area = if patch.is_some() { "within" } else { "near" };
+            let area = area_key(patch.is_some());
             let fault = Fault::NothingAttached { nearest_mm };
             return Err(LoadError::new(
                 scene,
@@ -89,7 +118,12 @@ pub(in crate::simulation) fn attach(
             fault,
         ));
     }
-    Ok(attached)
+    Ok((attached, notes))
+}
+
+/// The key with the distance of an attachment.
+fn area_key(has_patch: bool) -> &'static str {
+    if has_patch { "within" } else { "near" }
 }
 
 /// Rejects an index outside of the mesh, with its position in the list.
