@@ -47,7 +47,9 @@ impl Fascia {
             return Vector3::zeros();
         }
         let before = self.pulls[k];
-        let pull = (before + (value - compliance * before) / (w + compliance)).max(0.0);
+        let pull = before + (value - compliance * before) / (w + compliance);
+        // Not `f64::max`, which would hide a NaN.
+        let pull = if pull < 0.0 { 0.0 } else { pull };
         self.pulls[k] = pull;
         normal * ((before - pull) * w)
     }

@@ -192,8 +192,8 @@ impl Fault {
                 .to_owned(),
             Self::TooManyAttached { .. } => "lower `limit` or the distances".to_owned(),
             Self::Unheld => "attach every piece of it to a bone, or let it move: [solver.xpbd]".to_owned(),
-            Self::CarriedInto { .. } => "check the joint's `centre` and `axis` and the range of the motion, or hold the muscle \
-                elsewhere"
+            Self::CarriedInto { .. } => "check the joint's `centre` and `axis` and the range of the motion, \
+                or hold the muscle elsewhere"
                 .to_owned(),
             Self::FactorTooLarge { .. } => "ask for a longer `edge_length`, or use [solver.xpbd]".to_owned(),
             Self::Skin(error) => error.help().to_owned(),
