@@ -4,6 +4,7 @@ use super::Simulation;
 use crate::contact::Projection;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::{NONE, Topology};
+use crate::scene::Scene;
 
 /// A vertex attached to a bone.
 pub type Attached = (u32, usize);
@@ -32,6 +33,38 @@ pub fn component(patch: &TriangleMesh, index: Option<usize>) -> Option<TriangleM
         vertices: patch.vertices.clone(),
         triangles,
     })
+}
+
+/// Vertices of an attachment that the motion would carry into another bone. They are free.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Freed {
+    pub muscle: usize,
+    /// The bone of the attachment, and the one that is in the way.
+    pub bones: [usize; 2],
+    /// The frame in which one of them enters it.
+    pub frame: usize,
+    /// Number of vertices that are free, and of those that the bone holds.
+    pub free: usize,
+    pub held: usize,
+}
+
+impl Freed {
+    /// Share of the attachment that is free.
+    fn share(&self) -> f64 {
+        self.free as f64 / (self.free + self.held) as f64
+    }
+
+    /// What a reader of the results has to know.
+    pub fn note(&self, scene: &Scene) -> String {
+        let [held, other] = self.bones.map(|bone| scene.bones[bone].name.as_str());
+        format!(
+            "{}: {} of {} vertices near {held} are free: the motion would carry them into {other}, one in frame {}",
+            scene.muscles[self.muscle].name,
+            self.free,
+            self.free + self.held,
+            self.frame
+        )
+    }
 }
 
 /// Vertices within `within` [m] of a surface (inside counts as 0 if it is solid) for which `holds` is true,
@@ -114,6 +147,14 @@ impl Simulation {
             }
         }
         most.map(|(length, bones)| (between.len(), length, bones))
+    }
+
+    /// The attachment of a body of which the motion frees most, as it would be carried into another
+    /// bone: the share that is free, the bone that should hold it, and the other one. `None` if all is held.
+    pub fn most_freed(&self, body: usize) -> Option<(f64, [usize; 2])> {
+        let of = self.freed.iter().filter(|freed| freed.muscle == body);
+        let worst = of.max_by(|a, b| a.share().total_cmp(&b.share()))?;
+        Some((worst.share(), worst.bones))
     }
 }
 

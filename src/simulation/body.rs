@@ -88,6 +88,8 @@ pub struct Body {
     pub stopped: Option<(usize, Broken)>,
     /// True if edges resist stretching.
     pub(super) resists_stretch: bool,
+    /// Whether pairs of triangles keep a minimum without a neighbour apart: it crossed something.
+    pub(super) in_pairs: bool,
     /// A vertex that jumped in the present frame.
     pub(super) jump: Option<usize>,
     /// Positions and velocities at the end of the last valid frame.
@@ -156,6 +158,7 @@ impl Body {
             length,
             rest: mesh.clone(),
             stopped: None,
+            in_pairs: false,
             jump: None,
         })
     }
@@ -256,6 +259,7 @@ impl Body {
             edge_length: _,
             stopped,
             resists_stretch: _,
+            in_pairs,
             // Only within a frame.
             jump: _,
             good,
@@ -275,6 +279,7 @@ impl Body {
             equilibrium.save(to);
         }
         contraction.save(to);
+        to.put(in_pairs);
         to.put(stopped);
         // A frame ends with both equal, unless particles were moved since.
         let differs = !same_bits(good, &system.particles);
@@ -324,6 +329,7 @@ impl Body {
         }
         self.contraction.restore(from)?;
         self.shorten(frame as f64, 1.0);
+        self.in_pairs = from.take()?;
         self.stopped = from.take()?;
         if from.take()? {
             self.good.restore(from)?;

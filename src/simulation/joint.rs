@@ -326,6 +326,11 @@ impl ContactFilter for Around<'_> {
         }
     }
 
+    fn hold_all(&mut self, x: &mut [Point3<f64>]) {
+        self.meeting.hold(&mut slices_mut(&self.ranges, x), None);
+        self.counts[1] = self.meeting.take_certificate();
+    }
+
     fn accept(&mut self, x: &[Point3<f64>]) {
         for (bones, range) in self.bones.iter_mut().zip(&self.ranges) {
             if let Some(bones) = bones {

@@ -20,6 +20,7 @@ mod ready;
 mod joint;
 pub(crate) mod joint_weights;
 pub(crate) mod lattice;
+mod lone;
 pub(crate) mod measures;
 pub(crate) mod plan;
 pub(crate) mod run;
@@ -99,8 +100,11 @@ pub struct Simulation {
     pub notes: Vec<String>,
     surfaces: Vec<Arc<Surface>>,
     placed: Vec<PosedObstacle>,
+    freed: Vec<attachments::Freed>,
     /// Bodies that step together; made before the first frame.
     groups: Vec<together::Group>,
+    /// Minima without a neighbour, before the present frame.
+    lone: Vec<lone::Lone>,
     certificate: Certificate,
     frame: usize,
     substeps: u32,
@@ -147,7 +151,7 @@ impl Simulation {
         for (muscle, asset) in scene.muscles.iter().zip(&assets.muscles) {
             notes.extend(asset.notes.iter().map(|n| format!("{}: {n}", muscle.name)));
         }
-        notes.extend(start.notes);
+        notes.extend(start.freed.iter().map(|freed| freed.note(&scene)));
         let substeps = scene.solver.substeps();
         let mut simulation = Self {
             plan,
@@ -157,7 +161,9 @@ impl Simulation {
             notes,
             surfaces,
             placed,
+            freed: start.freed,
             groups: Vec::new(),
+            lone: Vec::new(),
             certificate: Certificate::default(),
             frame: 0,
             substeps,
@@ -269,7 +275,8 @@ impl Simulation {
         // Bodies can have been changed since the last frame.
         self.gather();
         let can_jump = self.bodies.iter().any(Body::can_jump);
-        let start = (can_jump || stop.can_come()).then(|| {
+        self.watch_lone();
+        let start = (can_jump || stop.can_come() || !self.lone.is_empty()).then(|| {
             let mut start = Writer::default();
             self.save(&mut start);
             start.bytes
@@ -292,7 +299,12 @@ impl Simulation {
                     first = Some(jumped);
                 }
             } else if !can_jump || !self.control.refines(self.residual()) {
-                break;
+                let crossed = self.crossed_alone();
+                if crossed.is_empty() {
+                    break;
+                }
+                self.keep_apart(&crossed, start.as_deref());
+                continue;
             }
             let control = self.control;
             self.undo(start.as_deref());
@@ -494,11 +506,14 @@ impl State for Simulation {
             surfaces: _,
             placed: _,
             groups,
+            // Made anew at the start of each frame.
+            lone: _,
             certificate,
             frame,
             substeps: _,
             control,
             pool: _,
+            freed: _,
         } = self;
         to.put(frame);
         to.list(notes);
@@ -526,6 +541,7 @@ impl State for Simulation {
         self.bodies
             .iter_mut()
             .try_for_each(|body| body.restore(from, &self.placed, contact, frame))?;
+        self.gather();
         self.groups
             .iter_mut()
             .try_for_each(|group| group.restore(from))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::assets::Assets;
-use super::attachments::Attached;
+use super::attachments::{Attached, Freed};
 use super::body::attach;
 use super::fault::{Fault, LoadError};
 use super::plan::{MusclePlan, Plan};
@@ -25,7 +25,7 @@ pub(super) struct Start {
     /// The pairs that overlapped.
     pub pairs: Vec<PartedPair>,
     /// What of the attachments is not held.
-    pub notes: Vec<String>,
+    pub freed: Vec<Freed>,
 }
 
 impl Start {
@@ -42,12 +42,12 @@ impl Start {
         placed: &[PosedObstacle],
         surfaces: &[Arc<Surface>],
     ) -> Result<Self, LoadError> {
-        let (mut attached, mut said) = (Vec::new(), Vec::new());
+        let (mut attached, mut freed) = (Vec::new(), Vec::new());
         for (m, asset) in assets.muscles.iter().enumerate() {
             let read = assets.ready.rest(&asset.mesh);
-            let (held, notes) = attach(scene, m, &read, assets, placed)?;
+            let (held, free) = attach(scene, m, &read, assets, placed)?;
             attached.push(held);
-            said.extend(notes);
+            freed.extend(free);
         }
         let bones: Vec<_> = surfaces
             .iter()
@@ -62,7 +62,7 @@ impl Start {
             .collect();
         let given = plan.muscles.iter().any(|muscle| muscle.rest.is_some());
         let Some(contact) = scene.effects.contact.filter(|_| !given) else {
-            return Ok(Self::of(attached, muscles, Vec::new(), said));
+            return Ok(Self::of(attached, muscles, Vec::new(), freed));
         };
         // The order in which a scene lists them changes nothing.
         let mut all: Vec<usize> = (0..muscles.len()).collect();
@@ -103,14 +103,14 @@ impl Start {
             }
             pairs.extend(parted.pairs.iter().cloned());
         }
-        Ok(Self::of(attached, muscles, pairs, said))
+        Ok(Self::of(attached, muscles, pairs, freed))
     }
 
     fn of(
         attached: Vec<Vec<Attached>>,
         rests: Vec<(Arc<Rest>, Untangled)>,
         pairs: Vec<PartedPair>,
-        notes: Vec<String>,
+        freed: Vec<Freed>,
     ) -> Self {
         let muscles = attached.into_iter().zip(rests);
         Self {
@@ -118,7 +118,7 @@ impl Start {
                 .map(|(attached, (rest, done))| (attached, rest, done))
                 .collect(),
             pairs,
-            notes,
+            freed,
         }
     }
 }

@@ -30,6 +30,8 @@ pub(super) struct Group {
     bonds: Vec<(usize, usize)>,
     /// The obstacles of each member when the meeting was made.
     obstacles: Vec<Vec<usize>>,
+    /// Whether it is a minimum without a neighbour that crossed something.
+    in_pairs: bool,
     /// Their common energy, if a step is the minimum of one.
     joint: Option<Joint>,
 }
@@ -40,7 +42,10 @@ impl Simulation {
         let known = |group: &Group| {
             let same = |(&b, obstacles): (&usize, &Vec<usize>)| {
                 self.bodies.get(b).is_some_and(|body| {
-                    obstacles_of(body) == *obstacles && (group.meeting.is_none() || can_meet(body))
+                    let has_meeting = group.meeting.is_some();
+                    obstacles_of(body) == *obstacles
+                        && (!has_meeting || can_meet(body))
+                        && group.in_pairs == body.in_pairs
                 })
             };
             group.members.len() == group.obstacles.len()
@@ -70,10 +75,12 @@ impl Simulation {
             .map(|members| {
                 let obstacles = members.iter().map(|&b| obstacles_of(&self.bodies[b]));
                 let obstacles = obstacles.collect();
+                let in_pairs = members.iter().any(|&b| self.bodies[b].in_pairs);
                 let made = self.meeting(&members, &partners, &first);
                 let (meeting, bonds) = made.unzip();
                 Group {
                     obstacles,
+                    in_pairs,
                     meeting,
                     bonds: bonds.unwrap_or_default(),
                     members,
@@ -160,8 +167,12 @@ impl Simulation {
         if !members.iter().all(|&b| can_meet(&self.bodies[b])) {
             return None;
         }
-        // One minimum keeps out of bones by itself, in a third of the time.
-        if members.len() == 1 && !is_swept(&self.bodies[members[0]]) {
+        // One minimum keeps out of bones by itself, in a third of the time, until it crosses something.
+        if let &[one] = members
+            && let body = &self.bodies[one]
+            && !is_swept(body)
+            && !body.in_pairs
+        {
             return None;
         }
         let settings = MeetingSettings {
@@ -286,6 +297,11 @@ impl Group {
         }
     }
 
+    /// Whether pairs of triangles keep its members apart.
+    pub(super) fn has_meeting(&self) -> bool {
+        self.meeting.is_some()
+    }
+
     /// The interfaces whose bonds it has, with the numbers of their springs.
     pub(super) fn bonds(&self) -> &[(usize, usize)] {
         &self.bonds
@@ -306,6 +322,7 @@ impl State for Group {
             members: _,
             meeting: _,
             obstacles: _,
+            in_pairs: _,
             bonds: _,
             joint,
         } = self;

@@ -156,6 +156,8 @@ pub trait ContactFilter {
     fn hold(&mut self, _x: &mut [Point3<f64>]) -> Option<bool> {
         Some(false)
     }
+    /// The same for a motion that must be made: as far as anything can be kept apart.
+    fn hold_all(&mut self, _x: &mut [Point3<f64>]) {}
     /// Accepts the last push: the body stays there.
     fn accept(&mut self, x: &[Point3<f64>]);
 }

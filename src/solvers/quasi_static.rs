@@ -338,8 +338,10 @@ impl QuasiStatic {
     fn keep_volumes_apart(&mut self, x: &mut [Point3<f64>], contact: &mut impl ContactFilter) {
         for _ in 0..KEEPING {
             self.keep_volumes(x);
-            if contact.hold(x) == Some(false) {
-                return;
+            match contact.hold(x) {
+                Some(false) => return,
+                Some(true) => {}
+                None => contact.hold_all(x),
             }
         }
     }

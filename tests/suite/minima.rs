@@ -2,8 +2,8 @@
 
 use nalgebra::{Point3, Rotation3};
 use pliant::mesh::shapes::icosphere;
-use pliant::simulation::Simulation;
 use pliant::simulation::checkpoint::{Checkpoint, Fingerprint, save};
+use pliant::simulation::{Audit, AuditedSurface, Simulation};
 
 use crate::soft::{Soft, bits, crossings, moved, positions, scene, simulation, text};
 use crate::tolerances::worst;
@@ -125,4 +125,91 @@ fn threads_and_a_resume_change_no_bit_of_minima_that_meet() {
         }
         assert!(bits(&one) == bits(&other), "frame {frame}");
     }
+}
+
+/// A ball, held at its bottom, and a plate whose corner comes down on it by 8 mm: its edge meets
+/// those of the ball.
+fn bladed(between: &str) -> Simulation {
+    let turn = Rotation3::from_euler_angles(0.3, 0.5, 0.7);
+    let mut ball = Soft::new("ball", icosphere(RADIUS, 1));
+    ball.mesh.vertices.iter_mut().for_each(|x| *x = turn * *x);
+    let is_low = |v: &u32| ball.mesh.vertices[*v as usize].z < -0.7 * RADIUS;
+    ball.held = (0..ball.mesh.vertices.len() as u32)
+        .filter(is_low)
+        .collect();
+    // The corner of the plate, turned by 45 degrees, is this far from its centre.
+    let corner = f64::hypot(0.2, 0.35);
+    let (over, turned) = (corner + RADIUS + 1e-3, f64::atan2(0.35, 0.2).to_degrees());
+    let blade = format!(
+        "[[bone]]\nname = 'blade'\nshape = 'press-plate'\n[bone.motion]\n\
+         centre = ['0 m', '0 m', '0 m']\naxis = [0, 1, 0]\nkeys = [\n\
+         {{ frame = 0, angle = '{turned} deg', translation = ['4 mm', '3 mm', '{over} m'] }},\n\
+         {{ frame = {FRAMES}, angle = '{turned} deg', translation = ['4 mm', '3 mm', '{} m'] }}]\n",
+        over - 8e-3
+    );
+    let contact =
+        format!("[effects.contact]\nthickness = '0.2 mm'\nfriction = 0\nbetween = {between}\n");
+    let more = format!("{blade}{EFFECTS}{contact}{QUASI_STATIC}");
+    let all = [ball];
+    simulation(&scene(&text(&all, FRAMES, &more)), &all)
+}
+
+/// Pairs of triangles of the ball and of a bone that cross.
+fn crossed_bones(run: &Simulation) -> usize {
+    let at = |b: usize| {
+        run.bones[b]
+            .vertices
+            .iter()
+            .map(move |x| run.placed()[b].now * x)
+    };
+    let bones: Vec<Vec<Point3<f64>>> = (0..run.bones.len()).map(|b| at(b).collect()).collect();
+    let surface = |name, rigid, vertices, triangles| AuditedSurface {
+        name,
+        rigid,
+        vertices,
+        triangles,
+        held: &[],
+    };
+    let body = &run.bodies[0];
+    let x = &body.system.particles.position;
+    let mut all = vec![surface("", false, x, &body.rest.triangles)];
+    for (b, vertices) in bones.iter().enumerate() {
+        let name = &run.placed()[b].name;
+        all.push(surface(name, true, vertices, &run.bones[b].triangles));
+    }
+    Audit::new().frame(&all).crossings.soft_rigid
+}
+
+#[test]
+fn a_lone_minimum_that_crosses_a_bone_is_kept_apart_by_pairs_from_there_on() {
+    let mut run = bladed(ALL);
+    let mut resumed = None;
+    for frame in 1..=FRAMES {
+        run.step_frame();
+        assert_eq!(crossed_bones(&run), 0, "{frame}");
+        if let Some(again) = &mut resumed {
+            Simulation::step_frame(again);
+            assert!(bits(&run) == bits(again), "frame {frame}");
+        }
+        let is_told = run
+            .notes
+            .iter()
+            .any(|note| note.contains("pairs of triangles"));
+        if is_told && resumed.is_none() && frame < FRAMES {
+            let fingerprint = Fingerprint::of(&run);
+            let mut again = bladed(ALL);
+            let kept = save(&run, &fingerprint, b"");
+            let checkpoint = Checkpoint::open(&kept).expect("a whole checkpoint");
+            let restored = checkpoint.restore(&mut again, &fingerprint);
+            restored.expect("a state of the same scene");
+            resumed = Some(again);
+        }
+    }
+    assert!(
+        resumed.is_some(),
+        "control: it crosses alone, {:?}",
+        run.notes
+    );
+    assert!(run.certificate().pairs > 0 && run.certificate().open == 0);
+    assert!(crossed_bones(&run) == 0 && run.bodies[0].stopped.is_none());
 }

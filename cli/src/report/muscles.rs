@@ -372,6 +372,11 @@ const HOLD_IT: &str =
 const APART: f64 = 2.0;
 /// Greatest strain of an edge: the built-in press, which closes to a tenth, reaches 2.8.
 pub const TORN: f64 = 4.0;
+/// Greatest share of an attachment that is free, as the motion would carry it into another bone: what
+/// remains of a smaller part is not the attachment that was asked for.
+const FREED: f64 = 0.5;
+const TURN_RIGHT: &str = "look at the axis and the centre of the joint; if they are right, hold a place away from \
+                          the other bone (a patch or `vertices`)";
 const HOLD_FEWER: &str = "if two bones hold vertices near each other, hold fewer (`limit`, `near`, \
                           `within`), or by patches that do not meet";
 
@@ -419,6 +424,12 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
             "{}, {edges} edges, between {one} and {other}",
             s.name
         )));
+    }
+    if let Some((share, bones)) = simulation.most_freed(m) {
+        let [held, other] = bones.map(|bone| scene.bones[bone].name.as_str());
+        let name = "share of an attachment that the motion would carry into another bone";
+        let freed = Verdict::at_most(name, share, FREED).else_do(TURN_RIGHT);
+        all.push(freed.at(format!("{}, on {held}, into {other}", s.name)));
     }
     let mut say = |verdict: Verdict| all.push(verdict.at(s.name.as_str()));
     if !plan.obstacles.is_empty() {

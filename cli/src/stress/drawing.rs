@@ -68,6 +68,8 @@ pub struct Drawing {
     frame_rate: Option<Value>,
     effects: Vec<String>,
     solver: Option<String>,
+    /// Number of frames of the scene that one of a case takes the place of.
+    shortened: i64,
 }
 
 impl Drawing {
@@ -82,7 +84,7 @@ impl Drawing {
             .into_iter()
             .partition(|(key, _)| key.ends_with(".frame"));
         let mut parameters = Vec::new();
-        let is_free = |key: &str| !FIXED.contains(&last(key));
+        let is_free = |key: &str| !FIXED.contains(&last(key)) && !key.starts_with("limits.");
         parameters.extend(
             others
                 .iter()
@@ -92,10 +94,11 @@ impl Drawing {
         let moved: Vec<_> = motion.into_iter().filter(|(key, _)| is_free(key)).collect();
         let of_muscles = scene.contains_key("muscle");
         let mut common = Vec::new();
-        let mut frame_rate = scene.get("frame_rate").cloned();
+        let (mut frame_rate, mut shortened) = (scene.get("frame_rate").cloned(), 1);
         let given = scene.get("frames").and_then(Value::as_integer);
         if let Some(given) = given.filter(|n| of_muscles && *n > frames as i64) {
             let share = frames as f64 / given as f64;
+            shortened = (given as f64 / frames as f64).ceil() as i64;
             common.push(format!("frames={frames}"));
             let sooner = times
                 .iter()
@@ -123,6 +126,7 @@ impl Drawing {
                 .first()
                 .cloned()
                 .filter(|_| of_muscles),
+            shortened,
         }
     }
 
@@ -141,6 +145,11 @@ impl Drawing {
             let other = others[index(next(), others.len())];
             changes.retain(|change| !change.starts_with("solver."));
             changes.push(format!("solver={}", other.key));
+            // Inertia needs steps as short as those of the scene.
+            if other.key == "implicit_euler" && self.shortened > 1 {
+                let steps = self.shortened;
+                changes.push(format!("solver.implicit_euler.substeps={steps}"));
+            }
         }
         let kept = |key: &str| {
             !key.starts_with("solver.") || !changes.iter().any(|c| c.starts_with("solver="))

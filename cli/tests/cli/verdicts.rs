@@ -56,3 +56,27 @@ fn an_infinite_stretch_is_no_finite_number() {
         text(&done.stderr)
     );
 }
+
+#[test]
+fn an_attachment_of_which_the_motion_frees_most_is_red() {
+    let scratch = Scratch::folder();
+    let run_to = |closed: &str| {
+        let out = scratch.join(closed);
+        let attached = "muscle.0.attachment=[{bone='upper plate', near='9 mm', limit='8 %'}]";
+        let to = format!("bone.0.motion.keys.1.translation=['0 mm', '{closed} mm', '0 mm']");
+        let sets = ["muscle.0.edge_length=8 mm", attached, to.as_str()].map(|s| ["--set", s]);
+        let given = ["run", "press", "--frames", "1", "--out", shown(&out)];
+        let done = run(&[&given[..], sets.as_flattened()].concat());
+        (done.status.code(), text(&done.stderr))
+    };
+    // The plates close on all but 21 of its 150 vertices.
+    let (code, said) = run_to("14");
+    assert_eq!(code, Some(1), "{said}");
+    let name = "share of an attachment that the motion would carry into another bone: 0.86";
+    assert!(
+        said.contains(name) && said.contains("centre of the joint"),
+        "{said}"
+    );
+    let (code, said) = run_to("26");
+    assert_eq!(code, Some(0), "control: {said}");
+}

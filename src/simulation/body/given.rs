@@ -9,7 +9,7 @@ use crate::mesh::TriangleMesh;
 use crate::particles::Particles;
 use crate::scene::{AreaSpec, Scene};
 use crate::simulation::assets::Assets;
-use crate::simulation::attachments::{self, Attached};
+use crate::simulation::attachments::{self, Attached, Freed};
 use crate::simulation::course::Course;
 use crate::simulation::fault::{Fault, LoadError};
 use crate::simulation::ready::Rest;
@@ -21,9 +21,9 @@ pub(in crate::simulation) fn attach(
     rest: &Rest,
     assets: &Assets,
     placed: &[PosedObstacle],
-) -> Result<(Vec<Attached>, Vec<String>), LoadError> {
+) -> Result<(Vec<Attached>, Vec<Freed>), LoadError> {
     let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
-    let (mut choices, mut notes) = (Vec::new(), Vec::new());
+    let (mut choices, mut freed) = (Vec::new(), Vec::new());
     let edge = mesh.median_edge_length(&rest.topology()).unwrap_or(0.0);
     for (a, (attachment, patch)) in muscle
         .attachments
@@ -80,13 +80,13 @@ pub(in crate::simulation) fn attach(
                     fault,
                 ));
             }
-            notes.push(format!(
-                "{}: {} vertices near {} are free: the motion would carry them into {}, one in frame {frame}",
-                muscle.name,
-                carried.len(),
-                placed[bone].name,
-                placed[other].name
-            ));
+            freed.push(Freed {
+                muscle: m,
+                bones: [bone, other],
+                frame,
+                free: carried.len(),
+                held: found.len(),
+            });
         }
         if found.is_empty() {
             let near = near();
@@ -118,7 +118,7 @@ pub(in crate::simulation) fn attach(
             fault,
         ));
     }
-    Ok((attached, notes))
+    Ok((attached, freed))
 }
 
 /// The key with the distance of an attachment.
