@@ -11,7 +11,6 @@ pub(super) use builder::Builder;
 pub(super) use given::attach;
 use given::{displace, forces, hold};
 
-use super::FrameSteps;
 use super::assets::Assets;
 use super::carriage::Carriage;
 use super::contraction::Contraction;
@@ -19,6 +18,7 @@ use super::equilibrium::Equilibrium;
 use super::fascia::Ties;
 use super::fault::{Fault, LoadError};
 use super::fibres::{self, Ends};
+use super::frame::FrameSteps;
 use super::plan::MusclePlan;
 use super::ready::{Fibres, Rest};
 use super::tracked::Tracked;

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::FrameSteps;
+use super::frame::FrameSteps;
 use crate::constraints::EnclosedVolume;
 use crate::constraints::Potential;
 use crate::contact::{ContactPlane, Contacts, PosedObstacle};

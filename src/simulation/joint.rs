@@ -7,9 +7,9 @@ use std::ops::Range;
 
 use nalgebra::{Point3, Vector3};
 
-use super::FrameSteps;
 use super::body::{Body, Stepper};
 use super::equilibrium::{Bones, Equilibrium, TOUCHING, first_non_finite};
+use super::frame::FrameSteps;
 use crate::constraints::EnclosedVolume;
 use crate::contact::meeting::{Certificate, Meeting};
 use crate::contact::{ContactPlane, PosedObstacle};

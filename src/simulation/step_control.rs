@@ -15,8 +15,8 @@
 
 use nalgebra::Point3;
 
-use super::FrameSteps;
 use super::body::{Body, Stepper};
+use super::frame::FrameSteps;
 use crate::constraints::distance::Distance;
 use crate::scene::Scene;
 use crate::solvers::grip::DRAG;

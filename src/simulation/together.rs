@@ -5,8 +5,9 @@ use rayon::prelude::*;
 
 use super::body::{Body, Stepper};
 use super::bonds::Bonded;
+use super::frame::{FrameSteps, SETTLED, step_body};
 use super::joint::Joint;
-use super::{FrameSteps, SETTLED, Simulation, place, step_body};
+use super::{Simulation, place};
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember, StepMotions};
 use crate::contact::response::OVER_VERTEX;
 use crate::contact::{Contacts, PosedObstacle};

@@ -1,6 +1,6 @@
 //! The cases of a campaign: changes of a scene's text, drawn by a seed.
 
-use pliant::scene::{EFFECTS, SOLVERS};
+use pliant::scene::{EFFECTS, SOLVERS, SolverQuestion};
 use toml::{Table, Value};
 
 /// Keys that are no parameters: names, files, places, and numbers of elements.
@@ -145,10 +145,10 @@ impl Drawing {
             let other = others[index(next(), others.len())];
             changes.retain(|change| !change.starts_with("solver."));
             changes.push(format!("solver={}", other.key));
-            // Inertia needs steps as short as those of the scene.
-            if other.key == "implicit_euler" && self.shortened > 1 {
-                let steps = self.shortened;
-                changes.push(format!("solver.implicit_euler.substeps={steps}"));
+            // Steps of a whole frame with inertia stay as long as those of the scene.
+            if other.question == Some(SolverQuestion::Motion) && other.default.substeps() == 1 {
+                let (solver, steps) = (other.key, self.shortened);
+                changes.push(format!("solver.{solver}.substeps={steps}"));
             }
         }
         let kept = |key: &str| {
