@@ -196,7 +196,7 @@ def scene(folder, name, path, kind, edge):
         text += attachment(b, f'near = "{near} mm"', limit)
     text += attachment("stand-in", area, limit) if area else ""
     text += '[muscle.fibres]\nmethod = "harmonic"\n'
-    text += '\n[effects.stretch]\n[effects.bending]\n[effects.volume]\n[effects.tone]\n[effects.contact]\nthickness = "0.5 mm"\n'
+    text += '\n[effects.stretch]\n[effects.bending]\nlimit = "50 deg"\n[effects.volume]\n[effects.tone]\n[effects.contact]\nthickness = "0.5 mm"\n'
     text += '[effects.fascia]\n[effects.damping]\nrate = "100 1/s"\n[solver.xpbd]\n'
     file = folder / f"{name}.toml"
     file.write_text(text)

@@ -1,4 +1,4 @@
-//! Signed dihedral angle of two triangles that share an edge: C = theta - theta0.
+//! Signed dihedral angle of two triangles that share an edge: C = theta - theta0, steeper beyond a limit.
 
 use std::f64::consts::{PI, TAU};
 
@@ -21,17 +21,26 @@ const FLAT: f64 = 1.0 / (1u64 << 40) as f64;
 /// normals. The gradient is the closed form g3 = -|e| N1/|N1|^2, g4 = -|e| N2/|N2|^2 \[bridson2003,
 /// tamstorf2013\]. It has no singularity at 0 or pi. It is undefined where a triangle has no area
 /// or the edge has no length.
+///
+/// With a `limit` L the hinge stiffens: beyond it |C|^2 = (theta - theta0)^2 + s^2 (|theta| - L)^2 with
+/// s = 30. So the energy k C^2 / 2 is that of two springs, of which the second one is 900 times as stiff and
+/// begins at the limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bending {
     /// p1, p2 (edge), p3, p4 (wing tips).
     pub points: [u32; 4],
     /// Rest angle [rad].
     pub rest: f64,
-    /// C at the last visit of the hinge [rad]. Angles that differ by whole turns are equivalent;
+    /// theta - theta0 at the last visit of the hinge [rad]. Angles that differ by whole turns are equivalent;
     /// the one nearest to this value counts. Therefore a hinge that was folded through itself
     /// unfolds along the same path.
     pub last: f64,
+    /// The limit [rad], at least |theta0|; infinite for none.
+    pub limit: f64,
 }
+
+/// s^2: the stiffness of a hinge beyond its limit, relative to that before it.
+const STIFFER: f64 = 900.0;
 
 impl Bending {
     /// A hinge at its rest angle [rad].
@@ -40,7 +49,44 @@ impl Bending {
             points,
             rest,
             last: 0.0,
+            limit: f64::INFINITY,
         }
+    }
+
+    /// The same with a limit [rad]. A hinge that is sharper at rest may stay so.
+    #[must_use]
+    pub fn with_limit(self, limit: f64) -> Self {
+        let sharp = self.rest.abs();
+        let limit = if limit > sharp { limit } else { sharp };
+        Self { limit, ..self }
+    }
+
+    /// C of an angle relative to that at rest [rad], and dC/dtheta.
+    fn stiffened<S: Scalar>(&self, turned: S) -> (S, f64) {
+        let angle = turned + S::of(self.rest);
+        let beyond = if angle.real() > self.limit {
+            angle - S::of(self.limit)
+        } else if angle.real() < -self.limit {
+            angle + S::of(self.limit)
+        } else {
+            return (turned, 1.0);
+        };
+        let size = (turned * turned + beyond * beyond * S::of(STIFFER)).sqrt();
+        let value = if turned.real() < 0.0 { -size } else { size };
+        let slope = (turned.real() + STIFFER * beyond.real()) / value.real();
+        (value, slope)
+    }
+
+    /// The angle relative to that at rest that has this C [rad].
+    fn turned(&self, value: f64) -> f64 {
+        // In the direction of C.
+        let most = self.limit - self.rest * value.signum();
+        if value.abs() <= most {
+            return value;
+        }
+        let all = 1.0 + STIFFER;
+        let root = (all * value * value - STIFFER * most * most).sqrt();
+        ((STIFFER * most + root) / all).copysign(value)
     }
 }
 
@@ -77,7 +123,8 @@ impl Constraint<4> for Bending {
     }
 
     fn value<S: Scalar>(&self, x: &[Point3<S>; 4]) -> S {
-        unwrap(dihedral(x) - S::of(self.rest), self.last)
+        self.stiffened(unwrap(dihedral(x) - S::of(self.rest), self.last))
+            .0
     }
 
     // Always inlined: returning these numbers through memory would take longer than computing them.
@@ -104,17 +151,12 @@ impl Constraint<4> for Bending {
 
 impl Periodic<4> for Bending {
     fn branch(&self) -> f64 {
-        let Self {
-            points: _,
-            rest: _,
-            last,
-        } = self;
-        *last
+        self.stiffened(self.last).0
     }
 
     #[inline]
     fn set_branch(&mut self, value: f64) {
-        self.last = value;
+        self.last = self.turned(value);
     }
 }
 
@@ -140,13 +182,24 @@ impl LaneConstraint<4> for Bending {
         let value = theta - N::each(machine, |l| these[l].rest);
         let off = value - N::each(machine, |l| these[l].last);
         let unwrapped = of(-PI).lt(off) & off.le(of(PI));
+        let zero = of(0.0);
+        let limit = N::each(machine, |l| these[l].limit);
+        let over = theta - limit;
+        let under = theta + limit;
+        let (is_over, is_under) = (zero.lt(over), under.lt(zero));
+        let beyond = N::select(is_over, over, N::select(is_under, under, zero));
+        let is_beyond = is_over | is_under;
+        let size = (value * value + beyond * beyond * of(STIFFER)).sqrt();
+        let stiff = size.copysign(value);
+        let slope = N::select(is_beyond, (value + of(STIFFER) * beyond) / stiff, of(1.0));
+        let value = N::select(is_beyond, stiff, value);
         // One division instead of three.
         let all = of(1.0) / (q1 * q2 * ee);
         let (one, per_ee) = (of(1.0), q1 * q2 * all);
         let le = length * ee;
         let in_range = of(1e-280).lt(q1 * q2 * ee) & (q1 * q2 * ee).lt(of(1e280));
-        let g3 = scale(n1, -(le * q2) * all);
-        let g4 = scale(n2, -(le * q1) * all);
+        let g3 = scale(n1, -(le * q2) * all * slope);
+        let g4 = scale(n2, -(le * q1) * all * slope);
         let t3 = dot(a, e) * per_ee;
         let t4 = dot(b, e) * per_ee;
         let g2 = sub(neg(scale(g3, t3)), scale(g4, t4));
@@ -182,12 +235,13 @@ impl Bending {
         let (n1, n2) = (e.cross(&a), b.cross(&e));
         let ee = e.norm_squared();
         let theta = atan2(-n1.dot(&b) * ee.sqrt(), n1.dot(&n2));
-        let g3 = n1 * (-ee.sqrt() / n1.norm_squared());
-        let g4 = n2 * (-ee.sqrt() / n2.norm_squared());
+        let (value, slope) = self.stiffened(unwrap(theta - self.rest, self.last));
+        let g3 = n1 * (-ee.sqrt() / n1.norm_squared() * slope);
+        let g4 = n2 * (-ee.sqrt() / n2.norm_squared() * slope);
         let (t3, t4) = (a.dot(&e) / ee, b.dot(&e) / ee);
         let g1 = -g3 * (1.0 - t3) - g4 * (1.0 - t4);
         let g2 = -g3 * t3 - g4 * t4;
-        Some((unwrap(theta - self.rest, self.last), [g1, g2, g3, g4]))
+        Some((value, [g1, g2, g3, g4]))
     }
 }
 
@@ -197,6 +251,72 @@ impl super::Spec<4> for Bending {
     const PARAMETERS: &'static [super::Parameter] = &[super::Parameter::Angle];
 
     fn from_parameters(points: [u32; 4], parameters: &[f64]) -> Self {
+        // Without a limit, where the second derivative of C jumps.
         Self::new(points, parameters[0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A hinge with its wings at an angle, flat for 0.
+    fn at(angle: f64) -> [Point3<f64>; 4] {
+        let tip = Point3::new(0.5, libm::cos(angle), libm::sin(angle));
+        let wing = Point3::new(0.5, -1.0, 0.0);
+        [Point3::origin(), Point3::new(1.0, 0.0, 0.0), wing, tip]
+    }
+
+    fn value(hinge: &Bending, angle: f64) -> f64 {
+        hinge.value_and_gradient(&at(angle)).expect("areas").0
+    }
+
+    const HINGES: [(f64, f64); 4] = [(0.0, 0.9), (0.3, 0.9), (-0.4, 0.5), (0.7, 0.5)];
+
+    #[test]
+    fn beyond_the_limit_the_energy_is_that_of_two_springs() {
+        for (rest, limit) in HINGES {
+            let plain = Bending::new([0, 1, 2, 3], rest);
+            let hinge = plain.with_limit(limit);
+            for k in -24..=24 {
+                let angle = 0.1 * f64::from(k);
+                let (c, turned) = (value(&hinge, angle), value(&plain, angle));
+                let beyond = (angle.abs() - limit.max(rest.abs())).max(0.0);
+                let both = turned * turned + 900.0 * beyond * beyond;
+                let case = format!("{rest} {limit} {angle}: {c} {turned}");
+                assert!((c * c - both).abs() <= 1e-12 * both.max(1.0), "{case}");
+                assert!(c * turned >= 0.0, "{case}");
+                assert!((hinge.turned(c) - turned).abs() <= 1e-12, "{case}");
+                assert!(beyond > 0.0 || c == turned, "{case}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_gradient_beyond_the_limit_is_that_of_the_value() {
+        let step = 1e-6;
+        let mut steepest = 0.0_f64;
+        for (rest, limit) in HINGES {
+            let hinge = Bending::new([0, 1, 2, 3], rest).with_limit(limit);
+            // No angle is within a step of a limit.
+            for angle in (-24..=24).map(|k| 0.1 * f64::from(k) + 0.03) {
+                let x = at(angle);
+                let (c, gradient) = hinge.value_and_gradient(&x).expect("areas");
+                assert!((c - hinge.value(&x)).abs() <= 1e-12 * c.abs().max(1.0));
+                for (p, k) in (0..4).flat_map(|p| (0..3).map(move |k| (p, k))) {
+                    let moved = |by: f64| {
+                        let mut x = x;
+                        x[p][k] += by;
+                        hinge.value(&x)
+                    };
+                    let slope = (moved(step) - moved(-step)) / (2.0 * step);
+                    let off = (slope - gradient[p][k]).abs();
+                    // Rounding of C over the step, and the third derivative.
+                    assert!(off <= 1e-7, "{rest} {limit} {angle} {p} {k}: {off}");
+                    steepest = steepest.max(slope.abs());
+                }
+            }
+        }
+        assert!(steepest > 20.0, "control: some hinge is beyond its limit");
     }
 }

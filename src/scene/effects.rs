@@ -13,8 +13,9 @@ use super::units::Dimension;
 pub struct Effects {
     /// Edges resist a change of length (material constant `stretch`).
     pub stretch: bool,
-    /// Neighbouring triangles resist a change of their angle (material constant `bending`).
-    pub bending: bool,
+    /// Neighbouring triangles resist a change of their angle (material constant `bending`), and more so
+    /// beyond this angle \[rad\].
+    pub bending: Option<f64>,
     /// The enclosed volume is kept (material constant `bulk`).
     pub volume: Option<Volume>,
     /// Stretching along fibres is easier.
@@ -174,7 +175,7 @@ pub static EFFECTS: [EffectSpec; 9] = [
     EffectSpec {
         key: "bending",
         help: "Neighbouring triangles resist a change of their angle.",
-        keys: &[],
+        keys: BENDING,
         material: Some(MaterialSpec {
             key: stiffness("bending", Dimension::Moment, "Bending stiffness.")
                 .shown_in("N m", 1.0)
@@ -182,10 +183,14 @@ pub static EFFECTS: [EffectSpec; 9] = [
             value: |material| Some(material.bending),
             set: |material, value| material.bending = value,
         }),
-        usual: Some(""),
-        schema: Schema::Keys(&[]),
-        values: |effects| effects.bending.then(Vec::new),
-        set: |effects, _| effects.bending = true,
+        usual: Some("limit = \"50 deg\"\n"),
+        schema: Schema::Keys(BENDING),
+        values: |effects| Some(vec![KeyValue::Number(effects.bending?)]),
+        set: |effects, values| {
+            if let &[KeyValue::Number(limit)] = values {
+                effects.bending = Some(limit);
+            }
+        },
     },
     EffectSpec {
         key: "volume",
@@ -320,6 +325,16 @@ pub static EFFECTS: [EffectSpec; 9] = [
         },
     },
 ];
+
+/// Smooth tissue has no sharp folds. No hinge exceeds half a turn, so that this is none.
+const BENDING: &[KeySpec] = &[KeySpec::new(
+    "limit",
+    KeyKind::Quantity(Dimension::Angle, Limit::Positive),
+    "Angle of two triangles beyond which they resist more; none under classic PBD.",
+)
+.or(std::f64::consts::PI)
+.shown_in("deg", 180.0 / std::f64::consts::PI)
+.over(Slider::Even(0.1, std::f64::consts::PI))];
 
 const VOLUME: &[KeySpec] = &[KeySpec::new(
     "pressure",

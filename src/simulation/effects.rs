@@ -1,8 +1,10 @@
 //! The plan, the cost and the constraints or energies of each effect of [`crate::scene::effects`].
 
+use std::f64::consts::PI;
+
 use super::body::Builder;
 use super::plan::{MusclePlan, Planner, obstacle, swept};
-use crate::constraints::{Constraint, EnclosedVolume};
+use crate::constraints::{Bending, Constraint, EnclosedVolume};
 use crate::fibres::anisotropy;
 use crate::scene::{ContactEffect, ContactPartners, EffectSpec, Scene};
 use crate::solvers::stiffness;
@@ -49,7 +51,7 @@ pub(super) static MODELS: [EffectModel; 9] = [
         nanoseconds: 14.0,
         plan: |planner| match planner.hinges {
             0 => planner.leave("bending", "no two triangles share an edge"),
-            hinges => planner.run("bending", hinges, hinges * 60),
+            hinges => planner.run("bending", hinges, hinges * 68),
         },
         build: Some(build_bending),
     },
@@ -319,7 +321,12 @@ fn build_bending(builder: &mut Builder<'_>) {
             let relaxation = vec![share; hinges.len()];
             builder.add_relaxed(hinges, &relaxation);
         }
-        None => builder.add(hinges, k),
+        None => {
+            let limit = builder.scene.effects.bending.filter(|limit| *limit < PI);
+            let limit = limit.unwrap_or(f64::INFINITY);
+            let limited = |hinge: Bending| hinge.with_limit(limit);
+            builder.add(hinges.into_iter().map(limited).collect(), k);
+        }
     }
 }
 
@@ -341,7 +348,34 @@ fn build_volume(builder: &mut Builder<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::constraints::bending::dihedral;
+    use crate::mesh::measures::max_or_nan;
+    use crate::scene::builtin::load;
     use crate::scene::effects::EFFECTS;
+    use crate::simulation::Simulation;
+
+    /// The sharpest fold of a muscle between plates that close on it [rad].
+    fn fold(limit: &str) -> f64 {
+        let changes = ["muscle.0.edge_length='20 mm'", "frames=100", limit];
+        let scene = load("press", &changes.map(str::to_owned)).expect("a scene");
+        let mut run = Simulation::new(scene).expect("meshes");
+        (0..60).for_each(|_| run.step_frame());
+        let body = &run.bodies[0];
+        let x = &body.system.particles.position;
+        let topology = crate::mesh::Topology::new(&body.rest);
+        let hinges = topology.hinges.iter();
+        max_or_nan(hinges.map(|hinge| dihedral(&hinge.map(|v| x[v as usize])).abs()))
+    }
+
+    #[test]
+    fn a_limit_of_hinges_makes_folds_blunt() {
+        let (plain, none) = (fold("frames=100"), fold("effects.bending.limit='180 deg'"));
+        let blunt = fold("effects.bending.limit='60 deg'");
+        let limit = PI / 3.0;
+        assert_eq!(plain, none);
+        assert!(plain >= 1.1 * limit, "control: {plain}");
+        assert!(blunt <= 1.02 * limit, "{blunt} of {plain}");
+    }
 
     #[test]
     fn every_effect_of_a_scene_has_its_model() {

@@ -283,7 +283,7 @@ impl Group {
         moving(bodies).for_each(|body| body.stop_if_torn(of));
         // A minimum ends with contact and volume satisfied.
         if let Some(last) = of.steps.last().filter(|_| self.joint.is_none()) {
-            settle(meeting, bodies, last, of.dt, SETTLED * of.thickness);
+            settle(meeting, bodies, last, of);
         }
         meeting.note_gaps();
         // A muscle that goes back to the frame before is not kept in order with what moved on.
@@ -398,13 +398,16 @@ fn step(
                 body.stop(of.frame, broken.unwrap_or(of_step));
             }
         }
+        if burst(bodies, of, &mut motions) {
+            return;
+        }
         let begin = std::time::Instant::now();
         if meeting.project_bonds(&mut positions_mut(bodies), dt) {
             motions = None;
         }
         meeting.respond(&mut positions_mut(bodies), motions);
         note(bodies, begin);
-        project_volumes(meeting, bodies, dt);
+        project_volumes(meeting, bodies, of);
     }
     moving(bodies).for_each(|body| body.system.end_alone(placed, dt));
     let mut velocities: Vec<&mut [Vector3<f64>]> = bodies
@@ -414,9 +417,25 @@ fn step(
     meeting.end_step(&mut velocities, dt);
 }
 
+/// Notes what burst in a sweep. Returns true if the frame is undone; otherwise what burst has stopped,
+/// and the motions are no longer known.
+fn burst(
+    bodies: &mut [&mut Body],
+    of: &FrameSteps<'_>,
+    motions: &mut Option<Vec<StepMotions>>,
+) -> bool {
+    let ends = moving(bodies)
+        .filter_map(|body| body.bursts(of).then_some(()))
+        .count();
+    if ends > 0 {
+        *motions = None;
+    }
+    ends > 0 && !of.is_last_try
+}
+
 /// Projects the volumes and holds the certificate, until both are satisfied: vertices that the
 /// certificate took back do not move for the volume.
-fn project_volumes(meeting: &mut Meeting, bodies: &mut [&mut Body], dt: f64) {
+fn project_volumes(meeting: &mut Meeting, bodies: &mut [&mut Body], of: &FrameSteps<'_>) {
     let mut frozen: Vec<Vec<u32>> = vec![Vec::new(); bodies.len()];
     for round in 0..VOLUME_ROUNDS {
         let blocked: Vec<Vec<_>> = (0..bodies.len())
@@ -424,11 +443,15 @@ fn project_volumes(meeting: &mut Meeting, bodies: &mut [&mut Body], dt: f64) {
             .collect();
         let motions = with_motions(meeting, bodies, |k, body| {
             if round == 0 || !frozen[k].is_empty() {
-                body.system.project_volume(dt, &blocked[k], &frozen[k]);
+                body.system.project_volume(of.dt, &blocked[k], &frozen[k]);
             }
         });
+        let mut motions = Some(motions);
+        if burst(bodies, of, &mut motions) {
+            return;
+        }
         let begin = std::time::Instant::now();
-        let changed = meeting.hold(&mut positions_mut(bodies), Some(motions));
+        let changed = meeting.hold(&mut positions_mut(bodies), motions);
         note(bodies, begin);
         if changed.iter().all(Vec::is_empty) {
             return;
@@ -447,9 +470,9 @@ fn settle(
     meeting: &mut Meeting,
     bodies: &mut [&mut Body],
     placed: &[PosedObstacle],
-    dt: f64,
-    depth: f64,
+    of: &FrameSteps<'_>,
 ) {
+    let depth = SETTLED * of.thickness;
     let still: Vec<PosedObstacle> = placed
         .iter()
         .map(|p| PosedObstacle {
@@ -461,7 +484,7 @@ fn settle(
         meeting.begin_step(&positions(bodies), &still);
         moving(bodies).for_each(|body| body.system.settle_contact(&still));
         meeting.respond(&mut positions_mut(bodies), None);
-        project_volumes(meeting, bodies, dt);
+        project_volumes(meeting, bodies, of);
         let clear: Vec<bool> = bodies
             .par_iter_mut()
             .map(|body| body.stopped.is_some() || body.system.is_settled(&still, depth))

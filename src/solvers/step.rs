@@ -9,6 +9,7 @@ use super::parts::Parts;
 use crate::constraints::fascia::FASCIA;
 use crate::constraints::{EnclosedVolume, KINDS, Project, Residual};
 use crate::contact::{Contacts, PosedObstacle};
+use crate::mesh::measures::max_or_nan;
 use crate::particles::{Numbering, Packed, Particles, Slot};
 use crate::state::{DecodeError, Reader, State, Value, Writer};
 
@@ -250,6 +251,12 @@ impl System {
     }
 
     /// Takes the step back.
+    /// Greatest way of a particle in the present step [m].
+    pub(crate) fn longest_way(&self) -> f64 {
+        let ways = self.particles.position.iter().zip(&self.start);
+        max_or_nan(ways.map(|(x, start)| (x - start).norm_squared())).sqrt()
+    }
+
     pub(crate) fn back_to_start(&mut self) {
         self.parts.back();
         self.particles.position.clone_from(&self.start);

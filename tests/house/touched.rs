@@ -240,7 +240,11 @@ fn value<'a>(text: &'a str, key: &str) -> Option<(&'a str, &'a str)> {
 fn is_default(shown: &str, default: KeyValue) -> bool {
     match default {
         KeyValue::Number(number) => {
-            shown.split(' ').next().and_then(|n| n.parse().ok()) == Some(number)
+            let (digits, unit) = shown.split_once(' ').unwrap_or((shown, ""));
+            let value: Option<f64> = digits.parse().ok();
+            // Other defaults are shown in units of the SI.
+            let in_si = |n: f64| if unit == "deg" { n.to_radians() } else { n };
+            value.map(in_si) == Some(number)
         }
         other => shown == other.to_string(),
     }

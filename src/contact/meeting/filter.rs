@@ -44,10 +44,41 @@ struct Crossing {
 /// What is known of vertices that go back.
 #[derive(Default)]
 struct Back {
+    /// For each pair, when it was last in order; for each vertex, when it last moved. A pair none of
+    /// whose corners moved since is still in order.
+    in_order: Vec<u64>,
+    moved: Vec<u64>,
+    now: u64,
     /// Number of times that the motion of each soft vertex was halved.
     halvings: Vec<u8>,
     /// The obstacle that carries each soft vertex; [`NONE`] if it goes back to the start.
     carriers: Vec<u32>,
+}
+
+impl Back {
+    /// Begins with a list of pairs, of none of which anything is known.
+    fn begin(&mut self, found: &[Crossing]) {
+        self.now += 1;
+        self.in_order.clear();
+        self.in_order.resize(found.len(), 0);
+        let corners = found.iter().flat_map(|crossing| crossing.corners);
+        let count = corners.max().map_or(0, |v| v as usize + 1);
+        self.moved.resize(count.max(self.moved.len()), 0);
+    }
+
+    /// Whether a pair was in order after the last motion of its corners.
+    fn is_known(&self, pair: usize, corners: &[u32; 4]) -> bool {
+        let since = self.in_order[pair];
+        corners.iter().all(|&v| self.moved[v as usize] < since)
+    }
+
+    /// Notes that corners of a pair may move.
+    fn move_corners(&mut self, corners: &[u32; 4]) {
+        for &v in corners {
+            self.moved[v as usize] = self.now;
+        }
+        self.now += 1;
+    }
 }
 
 impl Meeting {
@@ -69,6 +100,7 @@ impl Meeting {
             found.extend(now);
             found.sort_unstable_by_key(Crossing::key);
             found.dedup_by_key(|crossing| crossing.key());
+            back.begin(&found);
             if found.len() == known || round >= ALL_ROUNDS {
                 break open;
             }
@@ -107,10 +139,16 @@ impl Meeting {
     /// back towards the start. Returns true if a vertex moved.
     fn put_back(&mut self, found: &[Crossing], along: bool, back: &mut Back) -> bool {
         let mut is_moved = false;
-        for crossing in found {
-            if crossing.is_in_order(self, back) {
+        for (k, crossing) in found.iter().enumerate() {
+            if back.is_known(k, &crossing.corners) {
                 continue;
             }
+            if crossing.is_in_order(self, back) {
+                back.in_order[k] = back.now;
+                continue;
+            }
+            // What it moves, others have to look at anew; so has it itself.
+            back.move_corners(&crossing.corners);
             let goes_back = !along || crossing.plane.is_none();
             let mut done = goes_back && self.go_back(&crossing.corners, back);
             // Going back does not help against vertices that bones move.
