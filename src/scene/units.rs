@@ -329,7 +329,12 @@ impl UnitError {
                 format!("known units of {dimension}: {}", dimension.known())
             }
             Self::NoNumber { dimension, .. } => {
-                format!("write a {dimension} as in \"{}\"", dimension.example())
+                let a = if dimension.to_string().starts_with('a') {
+                    "an"
+                } else {
+                    "a"
+                };
+                format!("write {a} {dimension} as in \"{}\"", dimension.example())
             }
             Self::NotFinite { .. } | Self::Overflow { .. } => "write a finite number".to_owned(),
         }
