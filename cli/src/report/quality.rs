@@ -48,7 +48,7 @@ const SMOOTHER: &str = "use smooth keys, a higher `effects.damping.rate` or `[ef
 const TAUTER: &str = "use `[effects.tone]` or `[muscle.activation]`, or hold more of it (`limit`); \
                       `[limits]` changes the limit";
 /// Advice for a muscle that is deformed too much.
-const STIFFER: &str = "use a shorter `edge_length`, a lower `effects.bending.limit`, or a greater `stretch` \
+const STIFFER: &str = "use a shorter `edge_length`, a lower `bending.limit`, or a greater `stretch` \
                        or `bending`; `[limits]` changes the limit";
 
 /// The measures of a muscle over a run; `None` for what cannot be measured.
