@@ -58,7 +58,8 @@ impl Freed {
     pub fn note(&self, scene: &Scene) -> String {
         let [held, other] = self.bones.map(|bone| scene.bones[bone].name.as_str());
         format!(
-            "{}: {} of {} vertices near {held} are free: the motion would carry them into {other}, one in frame {}",
+            "{}: {} of {} vertices near {held} are free: the motion would carry them into {other}, one in \
+             frame {}",
             scene.muscles[self.muscle].name,
             self.free,
             self.free + self.held,

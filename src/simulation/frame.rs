@@ -149,6 +149,7 @@ impl Simulation {
         let restored = self.restore(&mut Reader::new(start.unwrap_or(&[])));
         debug_assert!(restored.is_ok());
         self.gather();
+        self.watch_lone();
     }
 
     /// The greatest residual of muscles that sweep, relative to the tolerance: that of the volumes that

@@ -1,5 +1,5 @@
-//! A minimum without a neighbour keeps its vertices out of bones by itself, in a third of the time that
-//! pairs of triangles take. Each frame is examined. From the first one in which its surface crosses a
+//! A minimum without a neighbour keeps its vertices out of bones by itself, in half the time that pairs
+//! of triangles take. Each frame is examined. From the first one in which its surface crosses a
 //! bone or itself, pairs of triangles keep it apart.
 
 use nalgebra::Point3;

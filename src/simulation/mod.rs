@@ -273,6 +273,8 @@ impl State for Simulation {
         self.bodies
             .iter_mut()
             .try_for_each(|body| body.restore(from, &self.placed, contact, frame))?;
+        // Counted anew where the restored state is.
+        self.lone.clear();
         self.gather();
         self.groups
             .iter_mut()

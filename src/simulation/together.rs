@@ -168,7 +168,7 @@ impl Simulation {
         if !members.iter().all(|&b| can_meet(&self.bodies[b])) {
             return None;
         }
-        // One minimum keeps out of bones by itself, in a third of the time, until it crosses something.
+        // One minimum keeps out of bones by itself, in half the time, until it crosses something.
         if let &[one] = members
             && let body = &self.bodies[one]
             && !is_swept(body)
@@ -485,6 +485,10 @@ fn settle(
         moving(bodies).for_each(|body| body.system.settle_contact(&still));
         meeting.respond(&mut positions_mut(bodies), None);
         project_volumes(meeting, bodies, of);
+        // The frame is undone.
+        if bodies.iter().any(|body| body.jump.is_some()) {
+            return;
+        }
         let clear: Vec<bool> = bodies
             .par_iter_mut()
             .map(|body| body.stopped.is_some() || body.system.is_settled(&still, depth))

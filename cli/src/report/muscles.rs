@@ -375,8 +375,8 @@ pub const TORN: f64 = 4.0;
 /// Greatest share of an attachment that is free, as the motion would carry it into another bone: what
 /// remains of a smaller part is not the attachment that was asked for.
 const FREED: f64 = 0.5;
-const TURN_RIGHT: &str = "look at the axis and the centre of the joint; if they are right, hold a place away from \
-                          the other bone (a patch or `vertices`)";
+const TURN_RIGHT: &str = "look at the axis and the centre of the joint; if they are right, hold a place \
+                          away from the other bone (a patch or `vertices`)";
 const HOLD_FEWER: &str = "if two bones hold vertices near each other, hold fewer (`limit`, `near`, \
                           `within`), or by patches that do not meet";
 
