@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::frame::FrameSteps;
+use super::frame::{FrameSteps, Stop};
 use crate::constraints::EnclosedVolume;
 use crate::constraints::Potential;
 use crate::contact::{ContactPlane, Contacts, PosedObstacle};
@@ -120,7 +120,7 @@ impl Equilibrium {
                     .solve(x, &mut NoContact, |_, _| !of.stop.is_asked())
             }
             Some(contacts) => {
-                let mut bones = Bones::new(contacts, &mut self.scratch, placed);
+                let mut bones = Bones::new(contacts, &mut self.scratch, placed, of.stop);
                 self.solver.follow(x, &held, &mut bones);
                 // A bone can move without any of its attached vertices.
                 if bones.moves() {
@@ -178,8 +178,9 @@ impl Equilibrium {
         &'a mut self,
         contacts: &'a mut Contacts,
         placed: &[PosedObstacle],
+        stop: Stop<'a>,
     ) -> Bones<'a> {
-        Bones::new(contacts, &mut self.scratch, placed)
+        Bones::new(contacts, &mut self.scratch, placed, stop)
     }
 }
 
@@ -241,6 +242,7 @@ pub(super) struct Bones<'a> {
     contacts: &'a mut Contacts,
     placed: Vec<PosedObstacle>,
     scratch: &'a mut Particles,
+    stop: Stop<'a>,
 }
 
 impl<'a> Bones<'a> {
@@ -248,11 +250,13 @@ impl<'a> Bones<'a> {
         contacts: &'a mut Contacts,
         scratch: &'a mut Particles,
         placed: &[PosedObstacle],
+        stop: Stop<'a>,
     ) -> Self {
         Self {
             contacts,
             placed: placed.to_vec(),
             scratch,
+            stop,
         }
     }
 
@@ -280,6 +284,10 @@ impl ContactFilter for Bones<'_> {
         self.scratch.position.copy_from_slice(x);
         self.contacts.project(&self.placed, self.scratch);
         x.copy_from_slice(&self.scratch.position);
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.is_asked()
     }
 
     fn accept(&mut self, x: &[Point3<f64>]) {

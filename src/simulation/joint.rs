@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::body::{Body, Stepper};
 use super::equilibrium::{Bones, Equilibrium, TOUCHING, first_non_finite};
-use super::frame::FrameSteps;
+use super::frame::{FrameSteps, Stop};
 use crate::constraints::EnclosedVolume;
 use crate::contact::meeting::{Certificate, Meeting};
 use crate::contact::{ContactPlane, PosedObstacle};
@@ -34,15 +34,14 @@ pub(super) struct Joint {
     solver: QuasiStatic,
     /// The vertices of each body among those of all.
     ranges: Vec<Range<usize>>,
-    thickness: f64,
 }
 
 impl Joint {
-    /// Prepares bodies at rest, each with an energy of its own, with a contact `thickness` [m].
+    /// Prepares bodies at rest, each with an energy of its own.
     ///
     /// # Errors
     /// A part of a body without a fixed vertex, or too little memory.
-    pub fn new(bodies: &mut [&mut Body], thickness: f64) -> Result<Self, FactorError> {
+    pub fn new(bodies: &mut [&mut Body]) -> Result<Self, FactorError> {
         let (mut ranges, mut x, mut mass) = (Vec::new(), Vec::new(), Vec::new());
         for body in bodies.iter() {
             let first = x.len();
@@ -63,11 +62,7 @@ impl Joint {
         take(bodies, &ranges, &mut energy);
         let mut solver = QuasiStatic::new(energy, &x, &mass, settings)?;
         give_back(bodies, &mut solver.problem.energy);
-        Ok(Self {
-            solver,
-            ranges,
-            thickness,
-        })
+        Ok(Self { solver, ranges })
     }
 
     /// Moves the bodies with the bones to their present poses and minimises the energy.
@@ -100,7 +95,7 @@ impl Joint {
         }
         take(bodies, &self.ranges, &mut self.solver.problem.energy);
         let mut x = start.clone();
-        let mut around = Around::new(meeting, bodies, self.ranges.clone(), placed, self.thickness);
+        let mut around = Around::new(meeting, bodies, self.ranges.clone(), of, placed);
         around.bounds = Aabb::of_points(x.iter());
         around.begin(&x);
         self.solver.follow(&mut x, &held, &mut around);
@@ -206,6 +201,7 @@ struct Around<'a> {
     /// True once the bones are where the step brings them.
     is_there: bool,
     thickness: f64,
+    stop: Stop<'a>,
 }
 
 impl<'a> Around<'a> {
@@ -213,8 +209,8 @@ impl<'a> Around<'a> {
         meeting: &'a mut Meeting,
         bodies: &'a mut [&mut Body],
         ranges: Vec<Range<usize>>,
+        of: &FrameSteps<'a>,
         placed: &[PosedObstacle],
-        thickness: f64,
     ) -> Self {
         let each = bodies.iter_mut().map(|body| {
             let Body { system, method, .. } = &mut **body;
@@ -222,7 +218,7 @@ impl<'a> Around<'a> {
                 return None;
             };
             let contacts = system.contacts.as_mut()?;
-            Some(equilibrium.bones(contacts, placed))
+            Some(equilibrium.bones(contacts, placed, of.stop))
         });
         Self {
             bones: each.collect(),
@@ -234,7 +230,8 @@ impl<'a> Around<'a> {
             rows: Vec::new(),
             bounds: Aabb::EMPTY,
             is_there: false,
-            thickness,
+            thickness: of.thickness,
+            stop: of.stop,
         }
     }
 
@@ -329,6 +326,10 @@ impl ContactFilter for Around<'_> {
     fn hold_all(&mut self, x: &mut [Point3<f64>]) {
         self.meeting.hold(&mut slices_mut(&self.ranges, x), None);
         self.counts[1] = self.meeting.take_certificate();
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.is_asked()
     }
 
     fn accept(&mut self, x: &[Point3<f64>]) {

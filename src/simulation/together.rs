@@ -108,7 +108,6 @@ impl Simulation {
     /// Gives each group of minima that meet a common energy: that of the groups `before`, if they have
     /// the same members.
     fn join(&mut self, mut before: Vec<Group>) {
-        let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
         let mut bodies: Vec<Option<&mut Body>> = self.bodies.iter_mut().map(Some).collect();
         for group in &mut self.groups {
             let members = group.members.iter();
@@ -125,7 +124,7 @@ impl Simulation {
                 .find(|known| known.members == group.members);
             group.joint = same.and_then(|known| known.joint.take());
             if group.joint.is_none() {
-                match Joint::new(&mut bodies, thickness) {
+                match Joint::new(&mut bodies) {
                     Ok(joint) => group.joint = Some(joint),
                     Err(error) => {
                         group.meeting = None;

@@ -158,6 +158,11 @@ pub trait ContactFilter {
     }
     /// The same for a motion that must be made: as far as anything can be kept apart.
     fn hold_all(&mut self, _x: &mut [Point3<f64>]) {}
+    /// Whether the body is wanted no more: trials end at once. One can take long where many vertices
+    /// touch.
+    fn is_stopped(&self) -> bool {
+        false
+    }
     /// Accepts the last push: the body stays there.
     fn accept(&mut self, x: &[Point3<f64>]);
 }

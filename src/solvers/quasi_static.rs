@@ -283,6 +283,9 @@ impl QuasiStatic {
             ..
         } = self;
         problem.search(x, state, direction, outcome, |end| {
+            if contact.is_stopped() {
+                return false;
+            }
             // Rows of pairs repeat each other, and a lift over all of them is long.
             if !is_coupled(rows) {
                 lift(problem, laplacian, touched, active, rows, end);

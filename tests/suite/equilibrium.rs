@@ -289,6 +289,7 @@ fn an_equilibrium_has_the_same_bits_for_any_number_of_threads() {
 /// A floor at a height, as an obstacle for single vertices.
 struct Floor {
     height: f64,
+    is_stopped: bool,
 }
 
 impl ContactFilter for Floor {
@@ -310,6 +311,9 @@ impl ContactFilter for Floor {
     fn push(&mut self, _: &[Point3<f64>], x: &mut [Point3<f64>]) {
         x.iter_mut().for_each(|p| p.y = p.y.max(self.height));
     }
+    fn is_stopped(&self) -> bool {
+        self.is_stopped
+    }
     fn accept(&mut self, _: &[Point3<f64>]) {}
 }
 
@@ -319,6 +323,7 @@ fn a_tube_on_a_floor_balances_its_weight() {
     let bottom = tube.mesh.bounding_box().min.y;
     let mut floor = Floor {
         height: bottom - 0.01,
+        is_stopped: false,
     };
     let weight = Vector3::new(0.0, -0.2, 0.0);
     let energy = || Energy {
@@ -332,6 +337,11 @@ fn a_tube_on_a_floor_balances_its_weight() {
     let mut x = tube.mesh.vertices.clone();
     let mut solver =
         QuasiStatic::new(energy(), &x.clone(), &tube.inverse_mass, settings).expect("held");
+    // A stop is heard within a trial, and not only between two iterations.
+    floor.is_stopped = true;
+    let stopped = solver.solve(&mut x.clone(), &mut floor, |_, _| true);
+    assert_eq!((stopped.iterations, stopped.evaluations), (0, 1));
+    floor.is_stopped = false;
     let outcome = solver.solve(&mut x, &mut floor, |_, _| true);
     assert!(outcome.converged, "{outcome:?}");
     let down: Vec<usize> = (0..x.len())
