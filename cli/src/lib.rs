@@ -5,5 +5,6 @@ pub mod report;
 pub mod study;
 pub mod stress;
 pub mod commands;
+mod draft;
 
 pub use commands::main;

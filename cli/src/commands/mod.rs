@@ -16,6 +16,7 @@ mod failure;
 mod fibres;
 mod from_meshes;
 mod implant;
+mod init;
 mod morph;
 mod moment_arms;
 mod options;
@@ -79,6 +80,8 @@ struct Arguments {
 enum Command {
     /// Run a scene and write frames, measures, a summary and a report
     Run(Box<run::Arguments>),
+    /// Write a scene of muscles and bones from their meshes, and try its first frames
+    Init(Box<init::Arguments>),
     /// Open a window on a running scene, and control it
     View(view::Arguments),
     /// Show which effects a scene runs, on how many elements, and which ones are left out and why
@@ -137,6 +140,7 @@ pub fn main() -> ExitCode {
     let done = match arguments.command {
         None => run::run(&run::Arguments::default()),
         Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Init(arguments)) => init::run(&arguments),
         Some(Command::View(arguments)) => view::run(&arguments),
         Some(Command::Plan(arguments)) => plan::run(&arguments),
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),

@@ -6,6 +6,7 @@ pub(super) use staged::Job;
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -83,6 +84,18 @@ pub(super) struct Arguments {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Animation {
     Gif,
+}
+
+impl Arguments {
+    /// The first frames of a scene in a file.
+    pub(super) fn of_first_frames(scene: &Path, frames: u32, output: Output) -> Self {
+        Self {
+            scene: Some(scene.display().to_string()),
+            frames: Some(frames),
+            output,
+            ..Self::default()
+        }
+    }
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {

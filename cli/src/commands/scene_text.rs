@@ -6,6 +6,7 @@ use std::path::{Component, Path};
 
 use super::environment;
 use super::failure::Failure;
+pub(super) use crate::draft::quoted;
 use pliant::scene::{Content, SceneError, Surroundings, parse_content};
 use pliant::simulation::LoadError;
 
@@ -109,11 +110,6 @@ impl SceneText {
             .map(|(_, option)| option.as_str())
             .filter(|option| !option.is_empty())
     }
-}
-
-/// A text in TOML.
-pub(super) fn quoted(text: &str) -> String {
-    toml::Value::String(text.to_owned()).to_string()
 }
 
 /// A number in TOML.

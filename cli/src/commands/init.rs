@@ -1,0 +1,550 @@
+//! `pliant init`: a scene of muscles from meshes, each guess a line that can be changed.
+
+use std::collections::HashSet;
+use std::fmt::Write as _;
+use std::io::{IsTerminal, Write as _};
+use std::path::{Path, PathBuf};
+
+use super::failure::Failure;
+use super::from_meshes::{examine, named, parse};
+use super::options::Output;
+use super::{length_unit, note, run, say, warn};
+use crate::draft::joint::{self, JOINTS, Joint, KnownJoint, NamedBone, NoJoint};
+use crate::draft::names::{self, Kind};
+use crate::draft::{Body, Draft, mended};
+use pliant::contact::Surface;
+use pliant::io::{self, Encoding, FORMATS, file_name};
+use pliant::mesh::TriangleMesh;
+use pliant::scene::likely_units;
+use pliant::simulation::Assets;
+
+/// Frames of the trial.
+const TRIED: u32 = 10;
+
+/// Write a scene of muscles and bones from their meshes, and try its first frames
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant init scans --joint knee
+  pliant init scans --joint knee --between Femur.r Tibia.r --unit mm
+  pliant init Femur.stl Hip_bone.stl Iliacus.stl Psoas.stl
+
+Reads every mesh of a folder. Names tell bones from muscles (--bones and --muscles for others) and find the joint. A head
+is fitted by a sphere, a hinge by the line through two condyles. Muscles are held by bones within 3 mm; an end that is
+farther away is held by the bone nearest to it. Meshes that a simulation refuses are repaired, uneven muscles are remeshed.
+NAME.toml has every guess as a line with its reason. Then the first ten frames are run, with a report. Next:
+  pliant plan NAME.toml
+  pliant run NAME.toml
+
+Exit codes: 0 every check of the ten frames passes; 1 one fails; 2 bad input, a bone is missing, or a guess is not
+certain: the message says which option decides.")]
+pub(super) struct Arguments {
+    /// Meshes of bones and muscles, or folders of them
+    #[arg(required = true, value_name = "MESH")]
+    meshes: Vec<PathBuf>,
+    /// The joint that moves: hip, knee, ankle, shoulder, elbow; none for bones that rest
+    /// [default: the one that most muscles cross]
+    #[arg(long, value_name = "NAME")]
+    joint: Option<String>,
+    /// The two bones of the joint, by the names of their files
+    #[arg(long, value_name = "BONE", num_args = 2, requires = "joint")]
+    between: Option<Vec<String>>,
+    /// Length unit of the files, such as mm [default: from the sizes of known bones]
+    #[arg(long, value_name = "UNIT")]
+    unit: Option<String>,
+    /// Files that are bones, by name, where names do not tell
+    #[arg(long, value_name = "NAME", num_args = 1..)]
+    bones: Vec<String>,
+    /// Files that are muscles, by name, where names do not tell
+    #[arg(long, value_name = "NAME", num_args = 1..)]
+    muscles: Vec<String>,
+    /// Files to leave out, by name
+    #[arg(long, value_name = "NAME", num_args = 1..)]
+    without: Vec<String>,
+    /// The scene file to write [default: NAME.toml, named after the joint]
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// Overwrite an existing scene file
+    #[arg(long)]
+    force: bool,
+    /// Write the scene, and run no frame
+    #[arg(long)]
+    no_trial: bool,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// A mesh with its kind.
+struct Read {
+    body: Body,
+    kind: Kind,
+    mesh: TriangleMesh,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let wanted = match arguments.joint.as_deref() {
+        None | Some("none") => None,
+        Some(name) => Some(joint::known(name).ok_or_else(|| unknown_joint(name))?),
+    };
+    let files = files(arguments)?;
+    let read = read(arguments, &files)?;
+    let (unit, unit_why) = unit(arguments, &read)?;
+    let mut draft = Draft {
+        unit,
+        unit_why,
+        ..Draft::default()
+    };
+    for Read { body, kind, .. } in read {
+        match kind {
+            Kind::Bone => draft.bones.push(body),
+            Kind::Muscle => draft.muscles.push(body),
+        }
+    }
+    if draft.muscles.is_empty() {
+        return Err(Failure::usage(
+            "none of the files is a muscle",
+            "add one, or name it with --muscles",
+        ));
+    }
+    draft.name = wanted.map_or("meshes", |joint| joint.name).to_owned();
+    let assets = Assets::load(&parse(&draft.toml(), &[])?).map_err(Failure::of_meshes)?;
+    draft.joint = joint(arguments, wanted, &draft, &assets)?;
+    if let Some(joint) = &draft.joint {
+        draft.name = joint.known.name.to_owned();
+    }
+    let path = arguments
+        .scene
+        .clone()
+        .unwrap_or_else(|| PathBuf::from(format!("{}.toml", file_name(&draft.name))));
+    draft.name = path
+        .file_stem()
+        .map_or(draft.name, |stem| stem.to_string_lossy().into_owned());
+    if path.exists() && !arguments.force {
+        return Err(Failure::usage(
+            format!("{} is there already", path.display()),
+            "name another file with --scene, or add --force",
+        ));
+    }
+    draft.patches = Some(patches(&path)?);
+    examine(&mut draft, &[])?;
+    if let Some(loose) = draft.loose().first() {
+        let muscle = loose.split(':').next().unwrap_or_default();
+        return Err(Failure::usage(
+            loose.clone(),
+            format!("add the bone that holds it, or leave the muscle out with --without {muscle}"),
+        ));
+    }
+    let toml = heading(&path) + &draft.toml();
+    for (file, patch) in draft
+        .held
+        .iter()
+        .flat_map(|held| held.patches.iter().flatten())
+    {
+        write_patch(file, patch)?;
+    }
+    parse(&toml, &[])?;
+    write(&path, &toml)?;
+    tell(arguments, &in_words(&draft, &path));
+    if arguments.no_trial {
+        return Ok(super::DONE);
+    }
+    trial(arguments, &path)
+}
+
+/// The text at the head of the scene file.
+fn heading(path: &Path) -> String {
+    let name = path.display();
+    format!(
+        "# A draft by `pliant init`. Lines with a reason beside them are guesses: change what is wrong.\n\
+         # Then `pliant plan {name}` and `pliant run {name}`. Number of steps and solver follow from the scene.\n"
+    )
+}
+
+/// The folder of the patches beside the scene, with its whole path.
+fn patches(scene: &Path) -> Result<PathBuf, Failure> {
+    let folder = scene.with_extension("patches");
+    std::path::absolute(&folder).map_err(|e| no_file(&folder, &e))
+}
+
+fn write_patch(file: &Path, patch: &TriangleMesh) -> Result<(), Failure> {
+    if let Some(folder) = file.parent() {
+        std::fs::create_dir_all(folder).map_err(|e| no_file(folder, &e))?;
+    }
+    let written = io::write(file, patch, &[], Encoding::Text);
+    written
+        .map(|_| ())
+        .map_err(|e| Failure::usage(e.to_string(), SCENE))
+}
+
+/// Advice for a file that cannot be written.
+const SCENE: &str = "name another file with --scene";
+
+fn no_file(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::usage(
+        format!("{}: cannot be written: {error}", path.display()),
+        SCENE,
+    )
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Failure> {
+    io::write_whole(path, |to| to.write_all(text.as_bytes())).map_err(|e| no_file(path, &e))
+}
+
+/// Writes a text where it disturbs no JSON.
+fn tell(arguments: &Arguments, text: &str) {
+    let printing = &arguments.output.printing;
+    match printing.json {
+        true => note(text.trim_end()),
+        false if !printing.quiet => say(text),
+        false => {}
+    }
+}
+
+fn unknown_joint(name: &str) -> Failure {
+    let known: Vec<&str> = JOINTS.iter().map(|joint| joint.name).collect();
+    Failure::usage(
+        format!("`{name}` is no joint that is known here"),
+        format!(
+            "known: {}; or `--joint none`, and write [bone.motion] in the scene",
+            known.join(", ")
+        ),
+    )
+}
+
+/// The files: those named, and the meshes in folders, by name.
+fn files(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
+    let mut all = Vec::new();
+    for path in &arguments.meshes {
+        if !path.is_dir() {
+            all.push(path.clone());
+            continue;
+        }
+        let unreadable = |e: std::io::Error| {
+            Failure::usage(format!("{}: {e}", path.display()), "name another folder")
+        };
+        let mut inside = Vec::new();
+        for entry in std::fs::read_dir(path).map_err(unreadable)? {
+            let file = entry.map_err(unreadable)?.path();
+            let ending = file.extension().map(|e| e.to_string_lossy().to_lowercase());
+            if ending.is_some_and(|ending| FORMATS.iter().any(|known| known.ending == ending)) {
+                inside.push(file);
+            }
+        }
+        if inside.is_empty() {
+            return Err(Failure::usage(
+                format!("{}: there is no mesh in this folder", path.display()),
+                "name a folder of mesh files, or the files",
+            ));
+        }
+        inside.sort();
+        all.extend(inside);
+    }
+    let is_left_out = |file: &PathBuf| arguments.without.iter().any(|name| is_named(file, name));
+    for name in [&arguments.without, &arguments.bones, &arguments.muscles]
+        .into_iter()
+        .flatten()
+    {
+        if !all.iter().any(|file| is_named(file, name)) {
+            return Err(Failure::usage(
+                format!("no file is named `{name}`"),
+                "give the name of a file without its ending",
+            ));
+        }
+    }
+    all.retain(|file| !is_left_out(file));
+    Ok(all)
+}
+
+/// Whether a file has this name, without its ending; small and capital letters are the same.
+fn is_named(file: &Path, name: &str) -> bool {
+    let same = |part: Option<&std::ffi::OsStr>| {
+        part.is_some_and(|part| part.to_string_lossy().eq_ignore_ascii_case(name))
+    };
+    same(file.file_stem()) || same(file.file_name())
+}
+
+/// Reads the files, and tells what each of them is.
+fn read(arguments: &Arguments, files: &[PathBuf]) -> Result<Vec<Read>, Failure> {
+    let bodies = named(files, &mut HashSet::new())?;
+    let mut all = Vec::new();
+    for (file, mut body) in files.iter().zip(bodies) {
+        let has = |names: &[String]| names.iter().any(|name| is_named(file, name));
+        let told = names::kind(&body.name);
+        let (kind, why) = match (has(&arguments.bones), has(&arguments.muscles), told) {
+            (true, false, _) => (Kind::Bone, String::new()),
+            (false, true, _) => (Kind::Muscle, String::new()),
+            (true, true, _) => {
+                return Err(Failure::usage(
+                    format!("{} is named by --bones and by --muscles", file.display()),
+                    "leave it out of one of them",
+                ));
+            }
+            (false, false, Some((kind, word))) => (kind, format!("by its name: {word}")),
+            (false, false, None) => {
+                return Err(Failure::usage(
+                    format!(
+                        "{}: its name does not tell whether it is a bone or a muscle",
+                        file.display()
+                    ),
+                    format!(
+                        "add `--bones {0}` or `--muscles {0}`, or leave it out with `--without {0}`",
+                        body.name
+                    ),
+                ));
+            }
+        };
+        let mesh = io::read(file)
+            .map_err(|error| Failure::of_meshes(Box::new(error).into()))?
+            .mesh;
+        body.why = why;
+        body.mended = mended(&mesh).map_err(|defects| {
+            Failure::usage(
+                format!("{}: no repair makes it fit: {defects}", file.display()),
+                format!("see `pliant check {}`", file.display()),
+            )
+        })?;
+        all.push(Read { body, kind, mesh });
+    }
+    Ok(all)
+}
+
+/// The unit of the files, and where it comes from: the user, the sizes of bones that names tell, or the
+/// sizes of all.
+fn unit(arguments: &Arguments, read: &[Read]) -> Result<(String, String), Failure> {
+    if let Some(unit) = &arguments.unit {
+        length_unit(unit)?;
+        return Ok((unit.clone(), String::new()));
+    }
+    let size = |mesh: &TriangleMesh| mesh.bounding_box().extents().max();
+    let fits = |unit: &str| -> bool {
+        let metres = length_unit(unit).unwrap_or(f64::NAN);
+        let mut known = read
+            .iter()
+            .filter_map(|r| Some((names::known_bone(&r.body.name)?, r)));
+        known.all(|(bone, r)| {
+            let length = size(&r.mesh) * metres;
+            r.kind != Kind::Bone || (bone.length[0]..=bone.length[1]).contains(&length)
+        })
+    };
+    let largest = read
+        .iter()
+        .max_by(|a, b| size(&a.mesh).total_cmp(&size(&b.mesh)));
+    let largest = largest.map_or(0.0, |r| size(&r.mesh));
+    let plausible: Vec<(&str, f64)> = likely_units(largest)
+        .into_iter()
+        .filter(|(unit, _)| fits(unit))
+        .collect();
+    let known = read
+        .iter()
+        .find(|r| r.kind == Kind::Bone && names::known_bone(&r.body.name).is_some());
+    let said = |(unit, _): &(&str, f64), r: &Read| {
+        let length = size(&r.mesh) * length_unit(unit).unwrap_or(f64::NAN);
+        format!("{} is then {:.0} mm long", r.body.name, 1e3 * length)
+    };
+    match (plausible.as_slice(), known) {
+        ([one], Some(bone)) => Ok((one.0.to_owned(), said(one, bone))),
+        (some, bone) => {
+            let why = match (some, bone) {
+                ([], Some(bone)) => format!("no unit of length suits {}", bone.body.name),
+                _ => "the sizes of the meshes do not tell their unit".to_owned(),
+            };
+            let first = some.first().map_or("mm", |(unit, _)| unit);
+            asked(&why, first).map_or_else(
+                || {
+                    Err(Failure::usage(
+                        why.clone(),
+                        format!("add it, for example --unit {first}"),
+                    ))
+                },
+                |unit| {
+                    length_unit(&unit)?;
+                    Ok((unit, "as answered".to_owned()))
+                },
+            )
+        }
+    }
+}
+
+/// The answer of the user to the question for the unit; `None` if nobody sits at a terminal.
+fn asked(why: &str, first: &str) -> Option<String> {
+    if !std::io::stdin().is_terminal() || !std::io::stderr().is_terminal() {
+        return None;
+    }
+    let _ = write!(std::io::stderr(), "{why}; unit [{first}]: ");
+    let mut answer = String::new();
+    std::io::stdin().read_line(&mut answer).ok()?;
+    let answer = answer.trim();
+    Some(if answer.is_empty() { first } else { answer }.to_owned())
+}
+
+/// The joint that moves.
+fn joint(
+    arguments: &Arguments,
+    wanted: Option<&'static KnownJoint>,
+    draft: &Draft,
+    assets: &Assets,
+) -> Result<Option<Joint>, Failure> {
+    if arguments.joint.as_deref() == Some("none") {
+        return Ok(None);
+    }
+    let surfaces: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
+    let bones: Vec<NamedBone<'_>> = draft
+        .bones
+        .iter()
+        .zip(assets.bones.iter().zip(&surfaces))
+        .map(|(body, (mesh, surface))| NamedBone {
+            name: &body.name,
+            mesh,
+            surface,
+        })
+        .collect();
+    let no_joint = |error: NoJoint| {
+        let hint = match &error {
+            NoJoint::MissingBone { .. } => {
+                "add its mesh, or name the two bones of the joint with --between"
+            }
+            NoJoint::NoFit { .. } | NoJoint::NoSense { .. } => {
+                "check both bones and the unit; or use `--joint none`, and write [bone.motion] in the scene"
+            }
+        };
+        Failure::usage(error.to_string(), hint)
+    };
+    if let Some(known) = wanted {
+        let chosen = between(arguments, &bones)?;
+        return known.fit(&bones, chosen).map(Some).map_err(no_joint);
+    }
+    let mut possible = Vec::new();
+    for known in JOINTS.iter().filter(|known| known.is_among(&bones)) {
+        let joint = known.fit(&bones, None).map_err(no_joint)?;
+        possible.push((crossing(&joint, assets, &surfaces), joint));
+    }
+    // The first of those that most muscles cross.
+    let most = possible.iter().map(|(count, _)| *count).max().unwrap_or(0);
+    let joint = possible
+        .into_iter()
+        .find(|(count, _)| *count == most && most > 0);
+    if joint.is_none() {
+        warn("note: no muscle crosses a joint that is known here, so the bones rest; see --joint");
+    }
+    Ok(joint.map(|(_, joint)| joint))
+}
+
+/// Number of muscles with attachments to bones that rest and to bones that turn.
+fn crossing(joint: &Joint, assets: &Assets, surfaces: &[Surface]) -> usize {
+    let crosses = |mesh: &TriangleMesh| {
+        let (found, _) = crate::draft::attachments::find(mesh, surfaces, Some(&joint.turns));
+        let turns = |turns: bool| found.iter().any(|a| joint.turns.contains(&a.bone) == turns);
+        turns(true) && turns(false)
+    };
+    assets.muscles.iter().filter(|m| crosses(&m.mesh)).count()
+}
+
+/// The two bones that the user names.
+fn between(arguments: &Arguments, bones: &[NamedBone<'_>]) -> Result<Option<[usize; 2]>, Failure> {
+    let Some(named) = &arguments.between else {
+        return Ok(None);
+    };
+    let mut found = [0, 0];
+    for (found, name) in found.iter_mut().zip(named) {
+        let same = |bone: &NamedBone<'_>| {
+            let known =
+                names::known_bone(bone.name).is_some_and(|k| k.name.eq_ignore_ascii_case(name));
+            known || bone.name.eq_ignore_ascii_case(name)
+        };
+        let exact = bones
+            .iter()
+            .position(|bone| bone.name.eq_ignore_ascii_case(name));
+        *found = exact.or(bones.iter().position(same)).ok_or_else(|| {
+            let all: Vec<&str> = bones.iter().map(|bone| bone.name).collect();
+            Failure::usage(
+                format!("--between: no bone is named `{name}`"),
+                format!("the bones are {}", all.join(", ")),
+            )
+        })?;
+    }
+    if found[0] == found[1] {
+        return Err(Failure::usage(
+            format!("--between names {} twice", bones[found[0]].name),
+            "name two bones",
+        ));
+    }
+    Ok(Some(found))
+}
+
+/// What the draft says, in words.
+fn in_words(draft: &Draft, path: &Path) -> String {
+    let mut text = String::new();
+    if !draft.unit_why.is_empty() {
+        let _ = writeln!(text, "unit: {} ({})", draft.unit, draft.unit_why);
+    }
+    for (kind, bodies) in [("bone", &draft.bones), ("muscle", &draft.muscles)] {
+        for (k, body) in bodies.iter().enumerate() {
+            let mut told = Vec::new();
+            if !body.why.is_empty() {
+                told.push(body.why.clone());
+            }
+            if let Some(mended) = &body.mended {
+                told.push(format!("repaired: {}", mended.why));
+            }
+            if kind == "muscle"
+                && let Some(held) = draft.held.get(k)
+            {
+                let bones = held.attachments.iter().map(|a| {
+                    let name = &draft.bones[a.bone].name;
+                    match a.end_mm {
+                        Some(mm) => format!("{name} from {mm:.0} mm away"),
+                        None => name.clone(),
+                    }
+                });
+                told.push(format!("held by {}", bones.collect::<Vec<_>>().join(", ")));
+                if held.remeshed.is_some() {
+                    told.push("remeshed".to_owned());
+                }
+            }
+            let _ = writeln!(text, "{kind} {}: {}", body.name, told.join("; "));
+        }
+    }
+    if let Some(joint) = &draft.joint {
+        let of = joint.between.map(|b| draft.bones[b].name.as_str());
+        let moving: Vec<&str> = joint
+            .turns
+            .iter()
+            .map(|&b| draft.bones[b].name.as_str())
+            .collect();
+        let centre: Vec<String> = joint
+            .fit
+            .centre
+            .iter()
+            .map(|c| format!("{:.1}", 1e3 * c))
+            .collect();
+        let axis: Vec<String> = joint.axis.iter().map(|a| format!("{a:.3}")).collect();
+        let _ = writeln!(
+            text,
+            "{}: {} of {} by {} degrees about ({}) mm, axis ({})\n  centre: {}\n  sense: {}",
+            joint.known.name,
+            joint.known.motion,
+            moving.join(", "),
+            joint.known.degrees,
+            centre.join(", "),
+            axis.join(", "),
+            joint.fit_in_words(of),
+            joint.sense,
+        );
+    }
+    let _ = writeln!(text, "\nScene in {}", path.display());
+    text
+}
+
+/// Runs the first frames of the scene.
+fn trial(arguments: &Arguments, path: &Path) -> Result<u8, Failure> {
+    let tried = run::Arguments::of_first_frames(path, TRIED, arguments.output.clone());
+    let code = run::run(&tried)?;
+    let name = path.display();
+    tell(
+        arguments,
+        &format!(
+            "\nThese were the first {TRIED} frames. Next: pliant plan {name}; pliant run {name}\n"
+        ),
+    );
+    Ok(code)
+}

@@ -1,0 +1,332 @@
+//! Which bones hold a muscle, by nearness.
+
+use nalgebra::{Point3, Vector3};
+
+use super::fit::long_axis;
+use pliant::contact::{Obstacle, Surface};
+use pliant::mesh::TriangleMesh;
+use pliant::mesh::measures::max_or_nan;
+
+/// Distance from a bone within which a muscle is attached [mm].
+pub const NEAR_MM: f64 = 3.0;
+
+/// Greatest share of a muscle that one bone holds; for all bones together twice as much.
+pub const LIMIT: f64 = 0.05;
+
+/// Parts of a muscle's length: its tip, and an end, which one side of the joint holds.
+const TIP: f64 = 0.1;
+const END: f64 = 0.35;
+
+/// Greatest distance of an end from the bone that holds it, relative to the muscle's length. A mesh often
+/// lacks its tendon.
+const TENDON: f64 = 0.3;
+
+/// An attachment of a muscle to a bone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attachment {
+    /// Index of the bone.
+    pub bone: usize,
+    /// The triangles that it holds; `None` for all vertices within [`NEAR_MM`].
+    pub patch: Option<Vec<u32>>,
+    /// The distance of the end that it holds, where nothing is nearer [mm].
+    pub end_mm: Option<f64>,
+}
+
+/// An end of a muscle that no bone holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LooseEnd {
+    /// The middle of its tip [m].
+    pub at: Point3<f64>,
+    /// The nearest bone, with its distance [mm].
+    pub nearest: Option<(usize, f64)>,
+}
+
+/// A muscle among its bones.
+struct Around<'a> {
+    mesh: &'a TriangleMesh,
+    /// Distance of each vertex from each bone [mm].
+    distances: Vec<Vec<f64>>,
+    /// The side of each bone: bones of one side move together.
+    sides: Vec<usize>,
+    /// Distance of each vertex from the one and from the other tip, relative to the length.
+    from_tip: [Vec<f64>; 2],
+    length: f64,
+}
+
+/// The attachments of a muscle: at each end, to the bones of one side of the joint within [`NEAR_MM`] or, if
+/// there are none, to the bone nearest to the tip. A bone that is near elsewhere is only passed. Also the
+/// ends that are far from every bone. `turns` tells the bones that a joint turns; without a joint each bone
+/// is a side of its own.
+pub fn find(
+    muscle: &TriangleMesh,
+    bones: &[Surface],
+    turns: Option<&[usize]>,
+) -> (Vec<Attachment>, Vec<LooseEnd>) {
+    let Some(around) = Around::new(muscle, bones, turns) else {
+        return (Vec::new(), Vec::new());
+    };
+    let mut ends = [around.side_at(0), around.side_at(1)];
+    // Ends that no bone touches, the nearer one first: the other one prefers another side.
+    let mut open: Vec<usize> = (0..2).filter(|&e| ends[e].is_none()).collect();
+    open.sort_by(|&a, &b| {
+        around
+            .to_tip(a, None)
+            .map_or(f64::MAX, |n| n.1)
+            .total_cmp(&around.to_tip(b, None).map_or(f64::MAX, |n| n.1))
+    });
+    let mut far = Vec::new();
+    for e in open {
+        let other = ends[1 - e];
+        let found = around
+            .held_from_afar(e, other)
+            .or(around.held_from_afar(e, None));
+        ends[e] = found.map(|(bone, _)| around.sides[bone]);
+        far.extend(found.map(|found| (e, found)));
+    }
+    // A muscle that lies along one side of a joint often reaches the other one by a tendon.
+    if turns.is_some() && ends[0].is_some() && ends[0] == ends[1] {
+        let each = (0..2).filter_map(|e| Some((e, around.held_from_afar(e, ends[e])?)));
+        if let Some((e, found)) = each.min_by(|a, b| a.1.1.total_cmp(&b.1.1)) {
+            ends[e] = Some(around.sides[found.0]);
+            far.retain(|(end, _)| *end != e);
+            far.push((e, found));
+        }
+    }
+    let mut found = around.near(&ends, &far);
+    for (e, (bone, mm)) in far {
+        found.push(Attachment {
+            bone,
+            patch: Some(around.patch(|v| around.from_tip[e][v], LIMIT)),
+            end_mm: Some(mm),
+        });
+    }
+    found.sort_by_key(|a| a.bone);
+    let loose = (0..2).filter(|&e| ends[e].is_none());
+    (found, loose.map(|e| around.loose(e)).collect())
+}
+
+impl<'a> Around<'a> {
+    fn new(mesh: &'a TriangleMesh, bones: &[Surface], turns: Option<&[usize]>) -> Option<Self> {
+        let (middle, axis, length) = long_axis(mesh)?;
+        let of = |bone: &Surface| -> Vec<f64> {
+            let to = |v: &Point3<f64>| bone.closest(v).map_or(f64::INFINITY, |c| c.distance.abs());
+            mesh.vertices.iter().map(|v| 1e3 * to(v)).collect()
+        };
+        let side = |b: usize| turns.map_or(b, |turns| usize::from(turns.contains(&b)));
+        let from_tip = |sign: f64| -> Vec<f64> {
+            let heights = mesh.vertices.iter().map(|v| sign * (v - middle).dot(&axis));
+            let tip = max_or_nan(heights.clone());
+            heights.map(|h| (tip - h) / length).collect()
+        };
+        Some(Self {
+            mesh,
+            distances: bones.iter().map(of).collect(),
+            sides: (0..bones.len()).map(side).collect(),
+            from_tip: [from_tip(1.0), from_tip(-1.0)],
+            length,
+        })
+    }
+
+    fn is_near(&self, bone: usize, v: usize) -> bool {
+        self.distances[bone][v] <= NEAR_MM
+    }
+
+    /// The vertices within this share of the length from a tip.
+    fn within(&self, end: usize, share: f64) -> impl Iterator<Item = usize> {
+        let from = &self.from_tip[end];
+        (0..from.len()).filter(move |&v| from[v] <= share)
+    }
+
+    /// The side of the bone that is near most closely to the tip of an end.
+    fn side_at(&self, end: usize) -> Option<usize> {
+        let near = |b: usize| self.within(end, END).filter(move |&v| self.is_near(b, v));
+        let each = (0..self.sides.len()).flat_map(|b| near(b).map(move |v| (b, v)));
+        let nearest =
+            each.min_by(|a, b| self.from_tip[end][a.1].total_cmp(&self.from_tip[end][b.1]));
+        nearest.map(|(bone, _)| self.sides[bone])
+    }
+
+    /// The bone that is nearest to a tip, but none of the side `but`, with its distance [mm].
+    fn to_tip(&self, end: usize, but: Option<usize>) -> Option<(usize, f64)> {
+        let bones = (0..self.sides.len()).filter(|&b| Some(self.sides[b]) != but);
+        let each = bones.map(|b| {
+            let least = |least: f64, v: usize| match self.distances[b][v] < least {
+                true => self.distances[b][v],
+                false => least,
+            };
+            (b, self.within(end, TIP).fold(f64::INFINITY, least))
+        });
+        each.filter(|(_, mm)| mm.is_finite())
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The same, if a tendon can reach it.
+    fn held_from_afar(&self, end: usize, but: Option<usize>) -> Option<(usize, f64)> {
+        self.to_tip(end, but)
+            .filter(|(_, mm)| *mm <= 1e3 * TENDON * self.length)
+    }
+
+    /// The attachments to bones that are near. A bone holds what is near to it in the half with the end of
+    /// its side.
+    fn near(&self, ends: &[Option<usize>; 2], far: &[(usize, (usize, f64))]) -> Vec<Attachment> {
+        let mut found = Vec::new();
+        for (bone, &side) in self.sides.iter().enumerate() {
+            let holds = |v: usize| {
+                (0..2).any(|e| {
+                    let is_far = far.iter().any(|(other, _)| *other == e);
+                    ends[e] == Some(side) && !is_far && self.from_tip[e][v] <= 0.5
+                })
+            };
+            let near = (0..self.mesh.vertices.len()).filter(|&v| self.is_near(bone, v));
+            let (own, passed): (Vec<usize>, Vec<usize>) = near.partition(|&v| holds(v));
+            if own.is_empty() {
+                continue;
+            }
+            let key = |v: usize| {
+                if holds(v) {
+                    self.distances[bone][v]
+                } else {
+                    f64::INFINITY
+                }
+            };
+            found.push(Attachment {
+                bone,
+                patch: (!passed.is_empty()).then(|| self.patch(key, LIMIT)),
+                end_mm: None,
+            });
+        }
+        found
+    }
+
+    /// The triangles between the vertices with the least keys, up to a share of all vertices; or around
+    /// them, if none lies between.
+    fn patch(&self, key: impl Fn(usize) -> f64, share: f64) -> Vec<u32> {
+        let mut order: Vec<usize> = (0..self.mesh.vertices.len())
+            .filter(|&v| key(v).is_finite())
+            .collect();
+        order.sort_by(|&a, &b| key(a).total_cmp(&key(b)).then(a.cmp(&b)));
+        let most = (share * self.mesh.vertices.len() as f64) as usize;
+        order.truncate(most.max(3));
+        let mut is_in = vec![false; self.mesh.vertices.len()];
+        order.iter().for_each(|&v| is_in[v] = true);
+        let corners = |t: &[u32; 3]| t.iter().filter(|v| is_in[**v as usize]).count();
+        let with = |least: usize| -> Vec<u32> {
+            let all = self.mesh.triangles.iter().enumerate();
+            all.filter(|(_, t)| corners(t) >= least)
+                .map(|(t, _)| t as u32)
+                .collect()
+        };
+        let between = with(3);
+        if between.is_empty() { with(1) } else { between }
+    }
+
+    fn loose(&self, end: usize) -> LooseEnd {
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for v in self.within(end, TIP) {
+            sum += self.mesh.vertices[v].coords;
+            count += 1.0;
+        }
+        LooseEnd {
+            at: (sum / count).into(),
+            nearest: self.to_tip(end, None),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::mesh::shapes::{box_surface, icosphere};
+
+    fn block(x: f64, height: f64) -> Surface {
+        let mut block = box_surface([0.1, 0.1, 0.02], 0.01);
+        block.vertices.iter_mut().for_each(|v| {
+            v.x += x;
+            v.z += height;
+        });
+        Surface::new(&block)
+    }
+
+    /// A spindle along z, 0.2 m long and 0.04 m thick.
+    fn spindle() -> TriangleMesh {
+        let mut mesh = icosphere(0.1, 3);
+        mesh.vertices
+            .iter_mut()
+            .for_each(|v| (v.x, v.y) = (0.2 * v.x, 0.2 * v.y));
+        mesh
+    }
+
+    /// Heights of the triangles of a patch.
+    fn heights(attachment: &Attachment) -> Vec<f64> {
+        let mesh = spindle();
+        let triangles = attachment.patch.as_ref().expect("a patch").iter();
+        triangles.map(|&t| mesh.corners(t as usize)[0].z).collect()
+    }
+
+    #[test]
+    fn bones_near_both_ends_hold() {
+        let bones = [block(0.0, 0.111), block(0.0, -0.111)];
+        for turns in [None, Some(&[1_usize][..])] {
+            let (found, loose) = find(&spindle(), &bones, turns);
+            assert_eq!((found.len(), loose.len()), (2, 0), "{turns:?}");
+            assert!(
+                found
+                    .iter()
+                    .all(|a| a.patch.is_none() && a.end_mm.is_none())
+            );
+        }
+    }
+
+    #[test]
+    fn an_end_without_a_tendon_is_held_from_afar_and_not_from_farther() {
+        let bones = [block(0.0, 0.111), block(0.0, -0.14)];
+        let (found, loose) = find(&spindle(), &bones, None);
+        assert_eq!((found.len(), loose.len()), (2, 0));
+        let mm = found[1].end_mm.expect("from afar");
+        assert!((mm - 30.0).abs() <= 0.1, "{mm}");
+        assert!(heights(&found[1]).iter().all(|z| *z <= -0.07));
+        // Control: nothing is within three tenths of its length.
+        let bones = [block(0.0, 0.111), block(0.0, -0.2)];
+        let (found, loose) = find(&spindle(), &bones, None);
+        assert_eq!((found.len(), loose.len()), (1, 1));
+        assert!(loose[0].at.z < -0.08);
+        assert_eq!(loose[0].nearest.map(|n| n.0), Some(1));
+        assert_eq!(find(&spindle(), &[], None).1.len(), 2);
+    }
+
+    #[test]
+    fn a_bone_that_is_only_passed_does_not_hold() {
+        // The second bone touches the flank beside the upper end, and the third is far below.
+        let bones = [block(0.0, 0.111), block(0.0645, 0.03), block(0.0, -0.14)];
+        let (found, _) = find(&spindle(), &bones, Some(&[1, 2]));
+        let holders: Vec<usize> = found.iter().map(|a| a.bone).collect();
+        assert_eq!(holders, [0, 2]);
+        // One that turns and also touches the lower end holds that end alone.
+        let mut long = box_surface([0.02, 0.1, 0.2], 0.01);
+        long.vertices.iter_mut().for_each(|v| {
+            v.x += 0.0305;
+            v.z -= 0.04;
+        });
+        let bones = [block(0.0, 0.111), block(0.0, -0.111), Surface::new(&long)];
+        let (found, _) = find(&spindle(), &bones, Some(&[1, 2]));
+        let third = found.iter().find(|a| a.bone == 2).expect("it holds");
+        assert!(
+            heights(third).iter().all(|z| *z <= 0.02),
+            "{:?}",
+            heights(third)
+        );
+    }
+
+    #[test]
+    fn what_lies_along_one_side_reaches_the_other_by_a_tendon() {
+        // A bone along the whole muscle, and one beyond its lower end.
+        let mut shaft = box_surface([0.02, 0.02, 0.2], 0.01);
+        shaft.vertices.iter_mut().for_each(|v| v.x += 0.031);
+        // The spindle touches the shaft at its middle alone, so that both tips are as near to it.
+        let bones = [Surface::new(&shaft), block(0.0, -0.14)];
+        let (found, loose) = find(&spindle(), &bones, Some(&[1]));
+        assert!(loose.is_empty());
+        let far = found.iter().find(|a| a.bone == 1).expect("the other side");
+        assert!(heights(far).iter().all(|z| *z <= -0.07));
+    }
+}

@@ -1,0 +1,385 @@
+//! A scene drafted from meshes alone: what each body is, its unit, repair and remeshing, a joint, and the
+//! attachments. Every guess is a line of the scene, with its reason beside it.
+
+pub mod attachments;
+pub mod fit;
+pub mod joint;
+pub mod names;
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use attachments::{Attachment, LIMIT, LooseEnd, NEAR_MM};
+use joint::Joint;
+use pliant::contact::Surface;
+use pliant::io::file_name;
+use pliant::mesh::{
+    FindingKind, Health, LONGEST_RIM, RepairOptions, Topology, TriangleMesh, repair,
+};
+use pliant::scene::EFFECTS;
+use pliant::simulation::Assets;
+
+/// A mesh is even if its shortest edges are not shorter than this share of the median one: one edge in
+/// [`SHORTEST`].
+const EVEN: f64 = 0.5;
+const SHORTEST: usize = 20;
+
+/// Number of vertices of an uneven mesh after remeshing: a muscle then runs for some ten seconds, and the
+/// shape is kept to a tenth of an edge.
+const REMESHED: f64 = 2500.0;
+
+/// Frames of a scene. A joint turns to its end and back in them.
+const FRAMES: usize = 300;
+
+/// A body of the draft.
+#[derive(Debug, Default)]
+pub struct Body {
+    /// Its name in the scene.
+    pub name: String,
+    /// The path of its file.
+    pub path: String,
+    /// Why it is a bone or a muscle; empty if the user said so.
+    pub why: String,
+    /// How its mesh is mended; `None` for a sound one.
+    pub mended: Option<Mended>,
+}
+
+/// The repair of a mesh.
+#[derive(Debug)]
+pub struct Mended {
+    /// The defects.
+    pub why: String,
+    pub options: RepairOptions,
+}
+
+/// What is known of a muscle from the meshes.
+#[derive(Debug, Default)]
+pub struct Held {
+    pub attachments: Vec<Attachment>,
+    pub loose: Vec<LooseEnd>,
+    /// The files of its patches, one for each attachment that has one, and their meshes [m].
+    pub patches: Vec<Option<(PathBuf, TriangleMesh)>>,
+    /// Why it is remeshed, and to which edges [m]; `None` for an even mesh.
+    pub remeshed: Option<(String, f64)>,
+}
+
+/// The scene.
+#[derive(Debug, Default)]
+pub struct Draft {
+    pub name: String,
+    pub unit: String,
+    /// Where the unit comes from; empty if the user gave it.
+    pub unit_why: String,
+    pub bones: Vec<Body>,
+    pub muscles: Vec<Body>,
+    /// Files of lines along the fibres, for the first muscles.
+    pub fibres: Vec<String>,
+    pub joint: Option<Joint>,
+    /// The folder of the patches that attachments need; without one, bones hold all that is near.
+    pub patches: Option<PathBuf>,
+    /// What was found of each muscle; empty before [`Draft::examine`].
+    pub held: Vec<Held>,
+}
+
+/// The repair of a mesh that a simulation does not accept as it is; `None` for a sound mesh.
+///
+/// # Errors
+/// The defects that no repair ends.
+pub fn mended(mesh: &TriangleMesh) -> Result<Option<Mended>, String> {
+    let health = Health::of(mesh);
+    if health.is_fit() {
+        return Ok(None);
+    }
+    let defects = |health: &Health| -> Vec<String> {
+        let refused = health.findings.iter().filter(|f| f.kind.refuses());
+        refused.map(|f| f.message.clone()).collect()
+    };
+    let why = defects(&health).join("; ");
+    let is_open = health
+        .findings
+        .iter()
+        .any(|f| f.kind == FindingKind::OpenBoundary);
+    let holes = if is_open { LONGEST_RIM } else { 0 };
+    let mut left = Vec::new();
+    for keep_largest in [false, true] {
+        let options = RepairOptions {
+            close_holes: holes,
+            keep_largest,
+            ..RepairOptions::default()
+        };
+        let after = Health::of(&repair(mesh, &[], &options).mesh);
+        if after.is_fit() {
+            return Ok(Some(Mended { why, options }));
+        }
+        left = defects(&after);
+    }
+    Err(left.join("; "))
+}
+
+impl Draft {
+    /// Finds attachments, and muscles to remesh, on the unchanged meshes.
+    pub fn examine(&mut self, assets: &Assets) {
+        let bones: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
+        let turns = self.joint.as_ref().map(|joint| joint.turns.as_slice());
+        let of = |(muscle, mesh): (&Body, &TriangleMesh)| {
+            let (attachments, loose) = attachments::find(mesh, &bones, turns);
+            let patch = |a: &Attachment| {
+                let bone = &self.bones[a.bone].name;
+                let file = format!("{}-{}.obj", file_name(&muscle.name), file_name(bone));
+                let path = self.patches.as_ref()?.join(file);
+                Some((path, part(mesh, a.patch.as_ref()?)))
+            };
+            Held {
+                patches: attachments.iter().map(patch).collect(),
+                attachments,
+                loose,
+                remeshed: uneven(mesh),
+            }
+        };
+        let meshes = assets.muscles.iter().map(|muscle| &muscle.mesh);
+        self.held = self.muscles.iter().zip(meshes).map(of).collect();
+    }
+
+    /// The scene as TOML.
+    pub fn toml(&self) -> String {
+        let mut toml = format!(
+            "name = {}\nframes = {FRAMES}\nframe_rate = \"60 Hz\"\n",
+            quoted(&self.name)
+        );
+        if !self.unit_why.is_empty() {
+            let _ = writeln!(
+                toml,
+                "# Lengths of all files are in {}: {}.",
+                self.unit, self.unit_why
+            );
+        }
+        for (b, bone) in self.bones.iter().enumerate() {
+            self.put_body(&mut toml, "bone", bone);
+            self.put_motion(&mut toml, b);
+        }
+        for (m, muscle) in self.muscles.iter().enumerate() {
+            self.put_body(&mut toml, "muscle", muscle);
+            if let Some(held) = self.held.get(m) {
+                self.put_held(&mut toml, held);
+            }
+            if let Some(lines) = self.fibres.get(m) {
+                let (lines, unit) = (quoted(lines), quoted(&self.unit));
+                let _ = write!(toml, "[muscle.fibres]\nlines = {lines}\nunit = {unit}\n");
+            }
+        }
+        toml.push_str(&usual_effects());
+        toml
+    }
+
+    fn put_body(&self, toml: &mut String, kind: &str, body: &Body) {
+        let (name, path, unit) = (quoted(&body.name), quoted(&body.path), quoted(&self.unit));
+        let why = match body.why.as_str() {
+            "" => String::new(),
+            why => format!(" # {why}"),
+        };
+        let _ = write!(
+            toml,
+            "\n[[{kind}]]{why}\nname = {name}\nmesh = {path}\nunit = {unit}\n"
+        );
+        let Some(Mended { why, options }) = &body.mended else {
+            return;
+        };
+        let _ = writeln!(toml, "repair = true # {why}");
+        if options.close_holes > 0 {
+            let _ = writeln!(toml, "close_holes = {}", options.close_holes);
+        }
+        if options.keep_largest {
+            let _ = writeln!(toml, "keep_largest = true");
+        }
+    }
+
+    fn put_motion(&self, toml: &mut String, bone: usize) {
+        let Some(joint) = self
+            .joint
+            .as_ref()
+            .filter(|joint| joint.turns.contains(&bone))
+        else {
+            return;
+        };
+        let known = joint.known;
+        let _ = write!(
+            toml,
+            "[bone.motion] # {} of the {}\njoint = {}\n",
+            known.motion,
+            known.name,
+            quoted(known.name)
+        );
+        let of = joint.between.map(|b| self.bones[b].name.as_str());
+        let centre: Vec<String> = joint
+            .fit
+            .centre
+            .iter()
+            .map(|c| format!("\"{:.3} mm\"", 1e3 * c))
+            .collect();
+        let axis: Vec<String> = joint.axis.iter().map(|a| format!("{a:.5}")).collect();
+        let (middle, end) = (FRAMES / 2, FRAMES);
+        let _ = write!(
+            toml,
+            "centre = [{}] # {}\naxis = [{}] # {}\nkeys = [\n    {{ frame = 0, angle = \"0 deg\" }},\n    \
+             {{ frame = {middle}, angle = \"{} deg\" }},\n    {{ frame = {end}, angle = \"0 deg\" }},\n]\n",
+            centre.join(", "),
+            joint.fit_in_words(of),
+            axis.join(", "),
+            joint.sense,
+            known.degrees,
+        );
+    }
+
+    fn put_held(&self, toml: &mut String, held: &Held) {
+        if let Some((why, edge)) = &held.remeshed {
+            let _ = write!(toml, "# {why}\nedge_length = \"{} mm\"\n", mm(*edge));
+        }
+        // All bones together can fix a tenth of a muscle's vertices.
+        let count = held.attachments.len().max(1) as f64;
+        let limit = 100.0 * LIMIT.min(2.0 * LIMIT / count);
+        for (attachment, patch) in held.attachments.iter().zip(&held.patches) {
+            let bone = quoted(&self.bones[attachment.bone].name);
+            let why = match (attachment.end_mm, patch) {
+                (Some(mm), _) => format!(
+                    " # the nearest bone to this end, {mm:.0} mm away: the mesh lacks a tendon"
+                ),
+                (None, Some(_)) => " # elsewhere the muscle only passes this bone".to_owned(),
+                (None, None) => String::new(),
+            };
+            let _ = writeln!(toml, "[[muscle.attachment]]{why}\nbone = {bone}");
+            let _ = match (patch, attachment.end_mm) {
+                (Some((path, _)), _) => {
+                    let path = quoted(&path.display().to_string());
+                    write!(toml, "patch = {path}\nunit = \"m\"\nwithin = \"1 mm\"\n")
+                }
+                (None, mm) => {
+                    let near = mm.map_or(NEAR_MM, |mm| (mm + NEAR_MM).ceil());
+                    write!(toml, "near = \"{near} mm\"\nlimit = \"{limit} %\"\n")
+                }
+            };
+        }
+    }
+
+    /// What is left loose, in words: an end of a muscle far from every bone.
+    pub fn loose(&self) -> Vec<String> {
+        let of = |(held, muscle): (&Held, &Body)| -> Vec<String> {
+            let each = held.loose.iter().map(|end| {
+                let at: Vec<String> = end.at.iter().map(|c| format!("{:.0}", 1e3 * c)).collect();
+                let near = match end.nearest {
+                    Some((bone, mm)) => {
+                        format!("the nearest, {}, is {mm:.0} mm away", self.bones[bone].name)
+                    }
+                    None => "there are none".to_owned(),
+                };
+                format!(
+                    "{}: no bone holds its end at ({}) mm: {near}",
+                    muscle.name,
+                    at.join(", ")
+                )
+            });
+            each.collect()
+        };
+        self.held.iter().zip(&self.muscles).flat_map(of).collect()
+    }
+}
+
+/// A part of a mesh.
+fn part(mesh: &TriangleMesh, triangles: &[u32]) -> TriangleMesh {
+    let mut number = BTreeMap::new();
+    let mut part = TriangleMesh::default();
+    for &t in triangles {
+        let corners = mesh.triangles[t as usize].map(|v| {
+            *number.entry(v).or_insert_with(|| {
+                part.vertices.push(mesh.vertices[v as usize]);
+                part.vertices.len() as u32 - 1
+            })
+        });
+        part.triangles.push(corners);
+    }
+    part
+}
+
+/// A text in TOML.
+pub fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+/// Every effect that a muscle usually has, as in the built-in hip.
+fn usual_effects() -> String {
+    let mut toml = "\n".to_owned();
+    for effect in &EFFECTS {
+        if let Some(keys) = effect.usual {
+            let _ = write!(toml, "[effects.{}]\n{keys}", effect.key);
+        }
+    }
+    toml
+}
+
+/// Why a mesh with edges of unlike lengths is remeshed, and to which edges [m]. Its shortest edges
+/// would need the shortest steps, and its longest ones bend in facets.
+fn uneven(mesh: &TriangleMesh) -> Option<(String, f64)> {
+    let topology = Topology::new(mesh);
+    let is_fit = topology.is_oriented() && topology.non_manifold_vertices(mesh).is_empty();
+    let mut lengths = topology.edge_lengths(mesh);
+    if !is_fit || lengths.is_empty() || !lengths.iter().all(|l| l.is_finite()) {
+        return None;
+    }
+    lengths.sort_by(f64::total_cmp);
+    let (short, median) = (
+        lengths[lengths.len() / SHORTEST],
+        lengths[lengths.len() / 2],
+    );
+    if short >= EVEN * median {
+        return None;
+    }
+    // Of as many vertices in equilateral triangles.
+    let edge = (2.0 * mesh.area() / (3.0_f64.sqrt() * REMESHED)).sqrt();
+    let (shortest, longest) = (lengths[0], lengths[lengths.len() - 1]);
+    let why = format!(
+        "the file has edges of {} to {} mm, half of them below {} mm; without this line they stay",
+        mm(shortest),
+        mm(longest),
+        mm(median)
+    );
+    (edge > 0.0).then_some((why, edge))
+}
+
+/// A length [m] in millimetres with three digits.
+fn mm(length: f64) -> String {
+    let digits = format!("{:.2e}", length * 1e3);
+    digits
+        .parse()
+        .map_or(digits, |number: f64| number.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::mesh::shapes::icosphere;
+
+    #[test]
+    fn a_mesh_with_edges_of_unlike_lengths_is_remeshed_and_an_even_one_is_not() {
+        let even = icosphere(0.02, 3);
+        assert_eq!(uneven(&even), None);
+        // One side is drawn together: triangles of a tenth of the size.
+        let mut drawn = even.clone();
+        for v in drawn.vertices.iter_mut().filter(|v| v.z > 0.012) {
+            (v.x, v.y) = (0.1 * v.x, 0.1 * v.y);
+        }
+        let (why, edge) = uneven(&drawn).expect("uneven");
+        let vertices = 2.0 * drawn.area() / (3.0_f64.sqrt() * edge * edge);
+        assert!((vertices - REMESHED).abs() <= 1e-9 * REMESHED, "{vertices}");
+        assert!(why.contains("without this line"), "{why}");
+        // Control: what no remeshing can take stays as it is.
+        drawn.triangles.push(drawn.triangles[0]);
+        assert_eq!(uneven(&drawn), None);
+    }
+
+    #[test]
+    fn lengths_have_three_digits() {
+        assert_eq!(mm(0.004_312), "4.31");
+        assert_eq!(mm(0.000_000_5), "0.0005");
+        assert_eq!(mm(12.0), "12000");
+    }
+}
