@@ -9,6 +9,7 @@ use super::failure::Failure;
 use super::from_meshes::{examine, named, parse};
 use super::options::Output;
 use super::{length_unit, note, run, say, warn};
+use crate::draft::attachments::Attachment;
 use crate::draft::joint::{self, JOINTS, Joint, KnownJoint, NamedBone, NoJoint};
 use crate::draft::names::{self, Kind};
 use crate::draft::{Body, Draft, mended};
@@ -125,7 +126,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             "name another file with --scene, or add --force",
         ));
     }
-    draft.patches = Some(patches(&path)?);
+    draft.parts = Some(parts(&path)?);
     examine(&mut draft, &[])?;
     if let Some(loose) = draft.loose().first() {
         let muscle = loose.split(':').next().unwrap_or_default();
@@ -135,12 +136,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     }
     let toml = heading(&path) + &draft.toml();
-    for (file, patch) in draft
-        .held
-        .iter()
-        .flat_map(|held| held.patches.iter().flatten())
-    {
-        write_patch(file, patch)?;
+    for (file, mesh) in draft.files() {
+        write_mesh(file, mesh)?;
     }
     parse(&toml, &[])?;
     write(&path, &toml)?;
@@ -160,17 +157,17 @@ fn heading(path: &Path) -> String {
     )
 }
 
-/// The folder of the patches beside the scene, with its whole path.
-fn patches(scene: &Path) -> Result<PathBuf, Failure> {
-    let folder = scene.with_extension("patches");
+/// The folder of meshes beside the scene, with its whole path.
+fn parts(scene: &Path) -> Result<PathBuf, Failure> {
+    let folder = scene.with_extension("meshes");
     std::path::absolute(&folder).map_err(|e| no_file(&folder, &e))
 }
 
-fn write_patch(file: &Path, patch: &TriangleMesh) -> Result<(), Failure> {
+fn write_mesh(file: &Path, mesh: &TriangleMesh) -> Result<(), Failure> {
     if let Some(folder) = file.parent() {
         std::fs::create_dir_all(folder).map_err(|e| no_file(folder, &e))?;
     }
-    let written = io::write(file, patch, &[], Encoding::Text);
+    let written = io::write(file, mesh, &[], Encoding::Text);
     written
         .map(|_| ())
         .map_err(|e| Failure::usage(e.to_string(), SCENE))
@@ -486,17 +483,26 @@ fn in_words(draft: &Draft, path: &Path) -> String {
             if let Some(mended) = &body.mended {
                 told.push(format!("repaired: {}", mended.why));
             }
+            told.extend(body.drawn.iter().map(|drawn| drawn.why.clone()));
             if kind == "muscle"
                 && let Some(held) = draft.held.get(k)
             {
                 let bones = held.attachments.iter().map(|a| {
                     let name = &draft.bones[a.bone].name;
-                    match a.end_mm {
-                        Some(mm) => format!("{name} from {mm:.0} mm away"),
+                    match &a.far {
+                        Some(far) => format!("{name} from {:.0} mm away", far.mm),
                         None => name.clone(),
                     }
                 });
                 told.push(format!("held by {}", bones.collect::<Vec<_>>().join(", ")));
+                let turns = |a: &Attachment| {
+                    let joint = draft.joint.as_ref();
+                    joint.is_some_and(|joint| joint.turns.contains(&a.bone))
+                };
+                let of_one = |side: bool| held.attachments.iter().all(|a| turns(a) == side);
+                if draft.joint.is_some() && (of_one(true) || of_one(false)) {
+                    told.push("does not cross the joint".to_owned());
+                }
                 if held.remeshed.is_some() {
                     told.push("remeshed".to_owned());
                 }

@@ -21,6 +21,22 @@ const END: f64 = 0.35;
 /// lacks its tendon.
 const TENDON: f64 = 0.3;
 
+/// The vertices of a tip, by their distances from it, relative to the length.
+pub fn tip(from_tip: &[f64]) -> impl Iterator<Item = usize> {
+    (0..from_tip.len()).filter(|&v| from_tip[v] <= TIP)
+}
+
+/// An end of a muscle that a bone holds from afar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FarEnd {
+    /// Its distance from the bone [mm].
+    pub mm: f64,
+    /// Distances of all vertices from its tip, relative to the length.
+    pub from_tip: Vec<f64>,
+    /// The length [m].
+    pub length: f64,
+}
+
 /// An attachment of a muscle to a bone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attachment {
@@ -28,8 +44,8 @@ pub struct Attachment {
     pub bone: usize,
     /// The triangles that it holds; `None` for all vertices within [`NEAR_MM`].
     pub patch: Option<Vec<u32>>,
-    /// The distance of the end that it holds, where nothing is nearer [mm].
-    pub end_mm: Option<f64>,
+    /// The end that it holds, where nothing is nearer.
+    pub far: Option<FarEnd>,
 }
 
 /// An end of a muscle that no bone holds.
@@ -97,7 +113,11 @@ pub fn find(
         found.push(Attachment {
             bone,
             patch: Some(around.patch(|v| around.from_tip[e][v], LIMIT)),
-            end_mm: Some(mm),
+            far: Some(FarEnd {
+                mm,
+                from_tip: around.from_tip[e].clone(),
+                length: around.length,
+            }),
         });
     }
     found.sort_by_key(|a| a.bone);
@@ -192,7 +212,7 @@ impl<'a> Around<'a> {
             found.push(Attachment {
                 bone,
                 patch: (!passed.is_empty()).then(|| self.patch(key, LIMIT)),
-                end_mm: None,
+                far: None,
             });
         }
         found
@@ -221,16 +241,21 @@ impl<'a> Around<'a> {
     }
 
     fn loose(&self, end: usize) -> LooseEnd {
-        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
-        for v in self.within(end, TIP) {
-            sum += self.mesh.vertices[v].coords;
-            count += 1.0;
-        }
         LooseEnd {
-            at: (sum / count).into(),
+            at: middle_of_tip(self.mesh, &self.from_tip[end]),
             nearest: self.to_tip(end, None),
         }
     }
+}
+
+/// The middle of a tip [m].
+pub fn middle_of_tip(mesh: &TriangleMesh, from_tip: &[f64]) -> Point3<f64> {
+    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    for v in tip(from_tip) {
+        sum += mesh.vertices[v].coords;
+        count += 1.0;
+    }
+    (sum / count).into()
 }
 
 #[cfg(test)]
@@ -269,11 +294,7 @@ mod tests {
         for turns in [None, Some(&[1_usize][..])] {
             let (found, loose) = find(&spindle(), &bones, turns);
             assert_eq!((found.len(), loose.len()), (2, 0), "{turns:?}");
-            assert!(
-                found
-                    .iter()
-                    .all(|a| a.patch.is_none() && a.end_mm.is_none())
-            );
+            assert!(found.iter().all(|a| a.patch.is_none() && a.far.is_none()));
         }
     }
 
@@ -282,7 +303,7 @@ mod tests {
         let bones = [block(0.0, 0.111), block(0.0, -0.14)];
         let (found, loose) = find(&spindle(), &bones, None);
         assert_eq!((found.len(), loose.len()), (2, 0));
-        let mm = found[1].end_mm.expect("from afar");
+        let mm = found[1].far.as_ref().expect("from afar").mm;
         assert!((mm - 30.0).abs() <= 0.1, "{mm}");
         assert!(heights(&found[1]).iter().all(|z| *z <= -0.07));
         // Control: nothing is within three tenths of its length.

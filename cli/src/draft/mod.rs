@@ -5,6 +5,7 @@ pub mod attachments;
 pub mod fit;
 pub mod joint;
 pub mod names;
+mod tendon;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -43,6 +44,19 @@ pub struct Body {
     pub why: String,
     /// How its mesh is mended; `None` for a sound one.
     pub mended: Option<Mended>,
+    /// Its mesh with tendons; `None` if it is that of the file.
+    pub drawn: Option<Drawn>,
+}
+
+/// A muscle whose ends were drawn out to bones.
+#[derive(Debug)]
+pub struct Drawn {
+    /// Where its mesh is written.
+    pub path: PathBuf,
+    /// The mesh [m].
+    pub mesh: TriangleMesh,
+    /// What was done, in words.
+    pub why: String,
 }
 
 /// The repair of a mesh.
@@ -76,8 +90,8 @@ pub struct Draft {
     /// Files of lines along the fibres, for the first muscles.
     pub fibres: Vec<String>,
     pub joint: Option<Joint>,
-    /// The folder of the patches that attachments need; without one, bones hold all that is near.
-    pub patches: Option<PathBuf>,
+    /// The folder of meshes beside the scene; without one, bones hold all that is near.
+    pub parts: Option<PathBuf>,
     /// What was found of each muscle; empty before [`Draft::examine`].
     pub held: Vec<Held>,
 }
@@ -121,24 +135,82 @@ impl Draft {
     /// Finds attachments, and muscles to remesh, on the unchanged meshes.
     pub fn examine(&mut self, assets: &Assets) {
         let bones: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
+        let mut muscles = std::mem::take(&mut self.muscles);
+        let each = muscles.iter_mut().zip(&assets.muscles);
+        self.held = each
+            .map(|(muscle, asset)| self.examine_one(muscle, &asset.mesh, &bones))
+            .collect();
+        self.muscles = muscles;
+    }
+
+    fn examine_one(&self, muscle: &mut Body, mesh: &TriangleMesh, bones: &[Surface]) -> Held {
         let turns = self.joint.as_ref().map(|joint| joint.turns.as_slice());
-        let of = |(muscle, mesh): (&Body, &TriangleMesh)| {
-            let (attachments, loose) = attachments::find(mesh, &bones, turns);
-            let patch = |a: &Attachment| {
-                let bone = &self.bones[a.bone].name;
-                let file = format!("{}-{}.obj", file_name(&muscle.name), file_name(bone));
-                let path = self.patches.as_ref()?.join(file);
-                Some((path, part(mesh, a.patch.as_ref()?)))
-            };
-            Held {
-                patches: attachments.iter().map(patch).collect(),
-                attachments,
-                loose,
-                remeshed: uneven(mesh),
-            }
+        let (mut attachments, mut loose) = attachments::find(mesh, bones, turns);
+        muscle.drawn = self.drawn(muscle, mesh, &attachments, bones);
+        let mesh = muscle.drawn.as_ref().map_or(mesh, |drawn| &drawn.mesh);
+        if muscle.drawn.is_some() {
+            (attachments, loose) = attachments::find(mesh, bones, turns);
+        }
+        let patch = |a: &Attachment| {
+            let bone = file_name(&self.bones[a.bone].name);
+            let file = format!("{}-on-{bone}.obj", file_name(&muscle.name));
+            let path = self.parts.as_ref()?.join(file);
+            Some((path, part(mesh, a.patch.as_ref()?)))
         };
-        let meshes = assets.muscles.iter().map(|muscle| &muscle.mesh);
-        self.held = self.muscles.iter().zip(meshes).map(of).collect();
+        Held {
+            patches: attachments.iter().map(patch).collect(),
+            attachments,
+            loose,
+            remeshed: uneven(mesh),
+        }
+    }
+
+    /// A muscle with tendons at the ends that a bone holds from afar and would carry into another bone.
+    fn drawn(
+        &self,
+        muscle: &Body,
+        mesh: &TriangleMesh,
+        attachments: &[Attachment],
+        bones: &[Surface],
+    ) -> Option<Drawn> {
+        let (joint, folder) = (self.joint.as_ref()?, self.parts.as_ref()?);
+        let (mut drawn, mut words) = (mesh.clone(), Vec::new());
+        for attachment in attachments.iter().filter(|a| joint.turns.contains(&a.bone)) {
+            let Some(far) = &attachment.far else { continue };
+            let middle = attachments::middle_of_tip(mesh, &far.from_tip);
+            if !tendon::is_carried_into(&middle, joint, bones) {
+                continue;
+            }
+            let bone = &bones[attachment.bone];
+            if let Some((longer, way)) = tendon::drawn_out(&drawn, &far.from_tip, far.length, bone)
+            {
+                drawn = longer;
+                let bone = &self.bones[attachment.bone].name;
+                words.push(format!(
+                    "the file lacks the tendon to {bone}: its end is drawn out by {:.0} mm",
+                    1e3 * way
+                ));
+            }
+        }
+        (!words.is_empty()).then(|| Drawn {
+            path: folder.join(format!("{}.obj", file_name(&muscle.name))),
+            mesh: drawn,
+            why: words.join("; "),
+        })
+    }
+
+    /// The meshes that the scene needs beside those of its bodies, with their files.
+    pub fn files(&self) -> impl Iterator<Item = (&PathBuf, &TriangleMesh)> {
+        let drawn = self
+            .muscles
+            .iter()
+            .filter_map(|muscle| muscle.drawn.as_ref());
+        let drawn = drawn.map(|drawn| (&drawn.path, &drawn.mesh));
+        let patches = self
+            .held
+            .iter()
+            .flat_map(|held| held.patches.iter().flatten());
+        drawn.chain(patches.map(|(path, mesh)| (path, mesh)))
     }
 
     /// The scene as TOML.
@@ -173,15 +245,20 @@ impl Draft {
     }
 
     fn put_body(&self, toml: &mut String, kind: &str, body: &Body) {
-        let (name, path, unit) = (quoted(&body.name), quoted(&body.path), quoted(&self.unit));
+        let name = quoted(&body.name);
         let why = match body.why.as_str() {
             "" => String::new(),
             why => format!(" # {why}"),
         };
-        let _ = write!(
-            toml,
-            "\n[[{kind}]]{why}\nname = {name}\nmesh = {path}\nunit = {unit}\n"
-        );
+        let _ = writeln!(toml, "\n[[{kind}]]{why}\nname = {name}");
+        if let Some(drawn) = &body.drawn {
+            let path = quoted(&drawn.path.display().to_string());
+            let _ = writeln!(toml, "# {}; made of {}", drawn.why, body.path);
+            let _ = write!(toml, "mesh = {path}\nunit = \"m\"\n");
+            return;
+        }
+        let (path, unit) = (quoted(&body.path), quoted(&self.unit));
+        let _ = write!(toml, "mesh = {path}\nunit = {unit}\n");
         let Some(Mended { why, options }) = &body.mended else {
             return;
         };
@@ -240,21 +317,24 @@ impl Draft {
         let limit = 100.0 * LIMIT.min(2.0 * LIMIT / count);
         for (attachment, patch) in held.attachments.iter().zip(&held.patches) {
             let bone = quoted(&self.bones[attachment.bone].name);
-            let why = match (attachment.end_mm, patch) {
-                (Some(mm), _) => format!(
-                    " # the nearest bone to this end, {mm:.0} mm away: the mesh lacks a tendon"
+            let why = match (&attachment.far, patch) {
+                (Some(far), _) => format!(
+                    " # the nearest bone to this end, {:.0} mm away: the mesh lacks a tendon",
+                    far.mm
                 ),
                 (None, Some(_)) => " # elsewhere the muscle only passes this bone".to_owned(),
                 (None, None) => String::new(),
             };
             let _ = writeln!(toml, "[[muscle.attachment]]{why}\nbone = {bone}");
-            let _ = match (patch, attachment.end_mm) {
+            let _ = match (patch, &attachment.far) {
                 (Some((path, _)), _) => {
                     let path = quoted(&path.display().to_string());
                     write!(toml, "patch = {path}\nunit = \"m\"\nwithin = \"1 mm\"\n")
                 }
-                (None, mm) => {
-                    let near = mm.map_or(NEAR_MM, |mm| (mm + NEAR_MM).ceil());
+                (None, far) => {
+                    let near = far
+                        .as_ref()
+                        .map_or(NEAR_MM, |far| (far.mm + NEAR_MM).ceil());
                     write!(toml, "near = \"{near} mm\"\nlimit = \"{limit} %\"\n")
                 }
             };
@@ -374,6 +454,17 @@ mod tests {
         // Control: what no remeshing can take stays as it is.
         drawn.triangles.push(drawn.triangles[0]);
         assert_eq!(uneven(&drawn), None);
+    }
+
+    #[test]
+    fn a_mesh_is_mended_as_little_as_it_needs() {
+        let whole = icosphere(0.02, 2);
+        assert!(mended(&whole).expect("sound").is_none());
+        let mut open = whole.clone();
+        open.triangles.pop();
+        let options = mended(&open).expect("closed").expect("a repair").options;
+        assert!(options.close_holes > 0 && !options.keep_largest);
+        assert!(mended(&TriangleMesh::default()).is_err(), "nothing to mend");
     }
 
     #[test]

@@ -6,6 +6,7 @@ mod check;
 mod contact;
 mod fibres;
 mod implant;
+mod init;
 mod moment_arms;
 mod morph;
 #[cfg(unix)]
