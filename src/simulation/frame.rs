@@ -117,6 +117,7 @@ impl Simulation {
             self.undo(start.as_deref());
             self.control = control;
         }
+        self.control.end_frame();
         if self.bodies.iter().all(|body| body.jump.is_none()) {
             self.control.note_calm(self.residual());
         }
@@ -125,6 +126,11 @@ impl Simulation {
             self.notes.push(format!(
                 "{vertex} jumped in frame {frame}: this frame and others in which a vertex jumps \
                  take up to {most} times as many steps"
+            ));
+        }
+        if self.control.rises_first() {
+            self.notes.push(format!(
+                "the scene names no `substeps`: from frame {frame} on their number follows the residual"
             ));
         }
         if self.control.has_refined() && !had_refined {
@@ -170,7 +176,7 @@ impl Simulation {
 
     /// Computes the steps of the next frame; a jump ends them, and stops the body in the last try.
     fn try_frame(&mut self, is_last_try: bool, stop: Stop<'_>) {
-        let substeps = self.control.steps(self.substeps);
+        let substeps = self.control.steps();
         for body in &mut self.bodies {
             body.jump = None;
             let (parts, whole) = if self.scene.solver.has_classic_stiffness() {

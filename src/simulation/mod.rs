@@ -264,7 +264,7 @@ impl State for Simulation {
             None => self.placed = place(&self.scene, &self.surfaces),
             Some(before) => {
                 self.frame = before;
-                let steps = self.control.steps(self.substeps);
+                let steps = self.control.taken();
                 self.placed = self.placed_in(steps.saturating_sub(1), steps);
             }
         }

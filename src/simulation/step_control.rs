@@ -7,8 +7,11 @@
 //! some frames in a row are calm.
 //!
 //! The same holds for a frame that loses a volume, and, where a scene names no number of steps, for one
-//! whose residual is above the tolerance. Steps become longer again only if the residual is far below
-//! it, and shorter ones are not tried again where they did not lessen it.
+//! whose residual is above the tolerance. Shorter steps are not tried again where they did not lessen it.
+//!
+//! A shape depends a little on the number of steps, so that a number that doubles within a motion shifts
+//! whole surfaces in one frame. Where a scene names none, it therefore follows the residual gently: by a
+//! few per cent a frame, well before a residual reaches the tolerance.
 //!
 //! A step of classic PBD is not made shorter but in parts, and its stiffness is divided among them: its
 //! material and its damping come from the length of its step, and remain as they are.
@@ -57,12 +60,32 @@ const ACCEPTED: f64 = 1.5;
 /// brings four times the residual.
 const EASY: f64 = 0.2;
 
+/// Where a scene names no number of steps, it rises by this factor a frame while the residual is above
+/// this share of the tolerance, and falls by that one while it is below that share.
+const RISE: (f64, f64) = (1.06, 0.3);
+const FALL: (f64, f64) = (0.97, 0.1);
+
+/// Steps that rose by this factor are compared once with longer ones, whether they help.
+const PROVED: u32 = 2;
+
 /// How many steps a frame takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StepControl {
-    /// Number of steps of a frame, relative to that of the scene: a power of two.
-    factor: u32,
+    /// Number of steps of a frame, of at least `first` and at most `most` times as many: a power of two
+    /// times `first`, unless it follows the residual.
+    steps: u32,
+    first: u32,
     most: u32,
+    /// Whether it follows the residual, the number up to which shorter steps are known to help, and
+    /// whether the present frame is first tried with fewer.
+    follows: bool,
+    proved: u32,
+    is_proof: bool,
+    /// Number of steps of the frame before, and whether any frame took more than the first.
+    taken: u32,
+    has_risen: bool,
+    /// No number rises while the residual is below this, relative to the tolerance.
+    rises_above: f64,
     /// Number of calm frames since it changed.
     calm: u32,
     /// Number of frames that were repeated for a jump, and for their residual.
@@ -77,8 +100,16 @@ pub(super) struct StepControl {
 impl StepControl {
     /// Begins with the number of steps of the scene, or with the first one if it names none.
     pub fn new(scene: &Scene) -> Self {
+        let (first, follows) = (scene.solver.substeps(), scene.adapts_steps);
         Self {
-            factor: 1,
+            steps: first,
+            first,
+            follows,
+            proved: first,
+            is_proof: false,
+            taken: first,
+            has_risen: false,
+            rises_above: RISE.1,
             most: match scene.solver.has_classic_stiffness() {
                 true => MOST_PARTS,
                 false if scene.adapts_steps => MOST_ADAPTED,
@@ -95,9 +126,20 @@ impl StepControl {
     /// The same for a scene that takes over from another one.
     #[must_use]
     pub fn taken_over(&self, by: &Self) -> Self {
+        let Self {
+            first,
+            most,
+            follows,
+            ..
+        } = *by;
+        let factor = (self.steps / self.first).min(most);
+        let steps = first.saturating_mul(1 << factor.ilog2());
         Self {
-            factor: self.factor.min(by.most),
-            most: by.most,
+            steps,
+            first,
+            most,
+            follows,
+            proved: steps,
             ..*self
         }
     }
@@ -105,6 +147,10 @@ impl StepControl {
     /// Begins a frame.
     pub fn begin_frame(&mut self) {
         self.tried = f64::INFINITY;
+        self.is_proof = self.follows && self.steps >= PROVED.saturating_mul(self.proved);
+        if self.is_proof {
+            self.steps /= 2;
+        }
     }
 
     /// Greatest number of steps of a frame, relative to that at the start.
@@ -112,38 +158,64 @@ impl StepControl {
         self.most
     }
 
-    /// Number of steps of the present frame, for that of the scene.
-    pub fn steps(&self, substeps: u32) -> u32 {
-        substeps.saturating_mul(self.factor)
+    /// Number of steps of the present frame.
+    pub fn steps(&self) -> u32 {
+        self.steps
+    }
+
+    /// Number of steps of the frame before.
+    pub fn taken(&self) -> u32 {
+        self.taken
+    }
+
+    /// True if a number that follows the residual is above the first one for the first time.
+    pub fn rises_first(&mut self) -> bool {
+        let is_above = self.follows && self.steps > self.first;
+        is_above && !std::mem::replace(&mut self.has_risen, true)
+    }
+
+    fn greatest(&self) -> u32 {
+        self.first.saturating_mul(self.most)
     }
 
     /// True if no shorter steps are tried.
     pub fn is_shortest(&self) -> bool {
-        self.factor >= self.most
+        self.steps >= self.greatest()
     }
 
     /// Takes shorter steps after a jump. Returns true the first time.
     pub fn shorten(&mut self) -> bool {
         self.double();
+        self.is_proof = false;
         self.repeated += 1;
         self.repeated == 1
     }
 
     fn double(&mut self) {
-        self.factor = (2 * self.factor).min(self.most);
+        self.steps = self.steps.saturating_mul(2).min(self.greatest());
         self.calm = 0;
     }
 
     /// Takes shorter steps after a frame with this residual, relative to the tolerance, if they can
     /// lessen it. Returns true if the frame is to be repeated.
     pub fn refines(&mut self, residual: f64) -> bool {
+        if std::mem::take(&mut self.is_proof) {
+            self.double();
+            (self.tried, self.proved) = (residual, self.steps);
+            return true;
+        }
+        let is_lessened = residual <= LESS * self.tried;
+        if self.proved == self.steps && self.tried.is_finite() && !is_lessened {
+            // More steps do not help: their number stays, up to a greater residual.
+            self.rises_above = ACCEPTED * residual;
+        }
         // NaN is not lessened.
         if !(residual > self.accepted) {
             return false;
         }
-        if residual > LESS * self.tried {
+        if !is_lessened {
             self.accepted = ACCEPTED * residual;
-            self.factor = (self.factor / 2).max(1);
+            self.steps = (self.steps / 2).max(self.first);
             return false;
         }
         if self.is_shortest() {
@@ -152,6 +224,7 @@ impl StepControl {
         self.tried = residual;
         self.refined += 1;
         self.double();
+        self.proved = self.steps;
         true
     }
 
@@ -160,18 +233,44 @@ impl StepControl {
         self.refined > 0
     }
 
+    /// Ends a frame.
+    pub fn end_frame(&mut self) {
+        self.taken = self.steps;
+    }
+
     /// Notes a frame without a jump, with its residual relative to the tolerance.
     pub fn note_calm(&mut self, residual: f64) {
         if residual <= 1.0 {
             self.accepted = 1.0;
+        }
+        if self.follows {
+            return self.follow(residual);
         }
         if !(residual <= EASY || residual > 1.0) {
             self.calm = 0;
             return;
         }
         self.calm += 1;
-        if self.calm >= CALM && self.factor > 1 {
-            (self.factor, self.calm) = (self.factor / 2, 0);
+        if self.calm >= CALM && self.steps > self.first {
+            (self.steps, self.calm) = (self.steps / 2, 0);
+        }
+    }
+
+    /// Lets the number of steps follow the residual.
+    fn follow(&mut self, residual: f64) {
+        let steps = f64::from(self.steps);
+        if residual > self.rises_above {
+            self.calm = 0;
+            self.steps = ((RISE.0 * steps).ceil() as u32).min(self.greatest());
+        } else if residual < FALL.1 {
+            self.rises_above = RISE.1;
+            self.calm += 1;
+            if self.calm >= CALM {
+                self.steps = ((FALL.0 * steps).floor() as u32).max(self.first);
+                self.proved = self.proved.min(self.steps);
+            }
+        } else {
+            self.calm = 0;
         }
     }
 }
@@ -179,8 +278,16 @@ impl StepControl {
 impl State for StepControl {
     fn save(&self, to: &mut Writer) {
         let Self {
-            factor,
+            steps,
+            first: _,
             most: _,
+            follows: _,
+            proved,
+            // Each frame begins with it.
+            is_proof: _,
+            taken,
+            has_risen,
+            rises_above,
             calm,
             repeated,
             refined,
@@ -188,7 +295,11 @@ impl State for StepControl {
             // Each frame begins without one.
             tried: _,
         } = self;
-        to.put(factor);
+        to.put(steps);
+        to.put(proved);
+        to.put(taken);
+        to.put(has_risen);
+        to.put(rises_above);
         to.put(calm);
         to.put(repeated);
         to.put(refined);
@@ -197,14 +308,24 @@ impl State for StepControl {
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         *self = Self {
-            factor: from.take()?,
+            steps: from.take()?,
+            proved: from.take()?,
+            taken: from.take()?,
+            has_risen: from.take()?,
+            rises_above: from.take()?,
             calm: from.take()?,
             repeated: from.take()?,
             refined: from.take()?,
             accepted: from.take()?,
             ..*self
         };
-        let is_sound = self.factor.is_power_of_two() && self.factor <= self.most;
+        let (steps, range) = (self.steps, self.first..=self.greatest());
+        let is_fit =
+            self.follows || steps % self.first == 0 && (steps / self.first).is_power_of_two();
+        let is_sound = range.contains(&steps)
+            && range.contains(&self.proved)
+            && range.contains(&self.taken)
+            && is_fit;
         from.check(is_sound, "a number of steps that no frame takes")
     }
 }

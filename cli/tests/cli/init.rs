@@ -192,10 +192,7 @@ fn what_is_not_certain_is_refused_with_the_option_that_decides() {
                 "--without far psoas",
             ],
         ),
-        (
-            &["scans", "femur.obj"],
-            &["femur.obj", "E046"],
-        ),
+        (&["scans", "femur.obj"], &["femur.obj", "E046"]),
     ];
     for (arguments, told) in cases {
         let (code, _, errors) = init(&scratch, arguments);
