@@ -63,7 +63,7 @@ const EASY: f64 = 0.2;
 /// Where a scene names no number of steps, it rises by this factor a frame while the residual is above
 /// this share of the tolerance, and falls by that one while it is below that share.
 const RISE: (f64, f64) = (1.06, 0.3);
-const FALL: (f64, f64) = (0.97, 0.1);
+const FALL: (f64, f64) = (0.97, 0.2);
 
 /// Steps that rose by this factor are compared once with longer ones, whether they help.
 const PROVED: u32 = 2;
@@ -451,6 +451,95 @@ impl Body {
 mod tests {
     use super::super::Simulation;
     use crate::scene::builtin::load;
+
+    use super::StepControl;
+    use crate::state::{Reader, State, Writer};
+
+    /// A control that follows residuals, with 20 steps at first.
+    fn following() -> StepControl {
+        let scene = load("volume", &[]).expect("a scene");
+        StepControl {
+            steps: 20,
+            first: 20,
+            most: 64,
+            follows: true,
+            proved: 20,
+            taken: 20,
+            ..StepControl::new(&scene)
+        }
+    }
+
+    /// Makes a frame with this residual for a number of steps. Returns the number that it took in the end,
+    /// and how often it was made.
+    fn frame(control: &mut StepControl, residual: impl Fn(u32) -> f64) -> (u32, usize) {
+        control.begin_frame();
+        let mut made = 1;
+        while control.refines(residual(control.steps())) {
+            made += 1;
+        }
+        control.end_frame();
+        let taken = control.taken();
+        control.note_calm(residual(control.steps()));
+        (taken, made)
+    }
+
+    #[test]
+    fn steps_follow_a_residual_gently_and_go_back() {
+        let mut control = following();
+        let (mut before, mut most, mut repeated) = (20, 20, 0);
+        // A load that rises and falls; twice the steps bring a quarter of the residual.
+        for k in 0..800 {
+            let angle = std::f64::consts::TAU * f64::from(k.min(600)) / 600.0;
+            let load = 20.0 * (1.0 - libm::cos(angle));
+            let of = |steps: u32| load * (20.0 / f64::from(steps)).powi(2);
+            let (taken, made) = frame(&mut control, of);
+            assert!(of(taken) <= 1.0, "frame {k}: {}", of(taken));
+            let change = f64::from(taken.abs_diff(before));
+            assert!(
+                change <= (0.06 * f64::from(before)).ceil(),
+                "frame {k}: {before} {taken}"
+            );
+            (before, most) = (taken, most.max(taken));
+            repeated += made - 1;
+        }
+        assert!(
+            most >= 200,
+            "control: the load needs many steps, not {most}"
+        );
+        assert_eq!(control.steps(), 20);
+        // Only to prove that more steps help.
+        assert!(repeated <= 8, "{repeated}");
+    }
+
+    #[test]
+    fn steps_that_do_not_help_do_not_rise() {
+        let mut control = following();
+        let greatest = (0..200).map(|_| frame(&mut control, |_| 0.5).0).max();
+        assert_eq!(greatest, Some(40), "once, to see whether they help");
+        // A greater residual is looked at anew.
+        (0..40).for_each(|_| drop(frame(&mut control, |_| 0.9)));
+        assert!(control.steps() > 40);
+    }
+
+    #[test]
+    fn a_state_of_the_control_comes_back() {
+        let mut control = following();
+        (0..30).for_each(|_| drop(frame(&mut control, |steps| 300.0 / f64::from(steps))));
+        let mut bytes = Writer::default();
+        control.save(&mut bytes);
+        let mut other = following();
+        other
+            .restore(&mut Reader::new(&bytes.bytes))
+            .expect("a state");
+        assert_eq!(other, control);
+        // One that follows no residual takes no such number.
+        let mut strict = StepControl {
+            follows: false,
+            ..following()
+        };
+        assert!(!control.steps().is_power_of_two(), "control");
+        assert!(strict.restore(&mut Reader::new(&bytes.bytes)).is_err());
+    }
 
     /// A muscle by classic PBD of one step a frame, between plates that close on it.
     fn pressed() -> Simulation {

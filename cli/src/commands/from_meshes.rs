@@ -75,21 +75,28 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
     };
     examine(&mut draft, changes)?;
     let toml = draft.toml();
-    Ok((parse(&toml, changes)?, toml))
+    Ok((parse(&toml, HERE, changes)?, toml))
 }
 
 /// Finds the attachments of a draft, with these changes of its scene. Only the unchanged meshes show
 /// which bones a muscle is attached to.
 pub(super) fn examine(draft: &mut Draft, changes: &[String]) -> Result<(), Failure> {
-    let assets = Assets::load(&parse(&draft.toml(), changes)?).map_err(Failure::of_meshes)?;
+    let assets = Assets::load(&parse(&draft.toml(), HERE, changes)?).map_err(Failure::of_meshes)?;
     draft.examine(&assets);
     Ok(())
 }
 
-/// The scene of a text, with paths that start in the working folder.
-pub(super) fn parse(toml: &str, changes: &[String]) -> Result<Scene, Failure> {
+/// The working folder.
+pub(super) const HERE: &str = ".";
+
+/// The scene of a text, with paths that start in a folder.
+pub(super) fn parse(
+    toml: &str,
+    folder: impl AsRef<Path>,
+    changes: &[String],
+) -> Result<Scene, Failure> {
     let surroundings = Surroundings {
-        folder: Path::new("."),
+        folder: folder.as_ref(),
         variable: &environment::variable,
         overrides: changes,
     };

@@ -6,7 +6,7 @@ use std::io::{IsTerminal, Write as _};
 use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
-use super::from_meshes::{examine, named, parse};
+use super::from_meshes::{HERE, examine, named, parse};
 use super::options::Output;
 use super::{length_unit, note, run, say, warn};
 use crate::draft::attachments::Attachment;
@@ -108,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     }
     draft.name = wanted.map_or("meshes", |joint| joint.name).to_owned();
-    let assets = Assets::load(&parse(&draft.toml(), &[])?).map_err(Failure::of_meshes)?;
+    let assets = Assets::load(&parse(&draft.toml(), HERE, &[])?).map_err(Failure::of_meshes)?;
     draft.joint = joint(arguments, wanted, &draft, &assets)?;
     if let Some(joint) = &draft.joint {
         draft.name = joint.known.name.to_owned();
@@ -126,7 +126,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             "name another file with --scene, or add --force",
         ));
     }
-    draft.parts = Some(parts(&path)?);
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    draft.parts = path.with_extension("meshes").file_name().map(PathBuf::from);
     examine(&mut draft, &[])?;
     if let Some(loose) = draft.loose().first() {
         let muscle = loose.split(':').next().unwrap_or_default();
@@ -137,9 +138,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let toml = heading(&path) + &draft.toml();
     for (file, mesh) in draft.files() {
-        write_mesh(file, mesh)?;
+        write_mesh(&folder.join(file), mesh)?;
     }
-    parse(&toml, &[])?;
+    parse(&toml, &folder, &[])?;
     write(&path, &toml)?;
     tell(arguments, &in_words(&draft, &path));
     if arguments.no_trial {
@@ -155,12 +156,6 @@ fn heading(path: &Path) -> String {
         "# A draft by `pliant init`. Lines with a reason beside them are guesses: change what is wrong.\n\
          # Then `pliant plan {name}` and `pliant run {name}`. Number of steps and solver follow from the scene.\n"
     )
-}
-
-/// The folder of meshes beside the scene, with its whole path.
-fn parts(scene: &Path) -> Result<PathBuf, Failure> {
-    let folder = scene.with_extension("meshes");
-    std::path::absolute(&folder).map_err(|e| no_file(&folder, &e))
 }
 
 fn write_mesh(file: &Path, mesh: &TriangleMesh) -> Result<(), Failure> {

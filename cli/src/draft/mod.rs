@@ -30,6 +30,9 @@ const SHORTEST: usize = 20;
 /// shape is kept to a tenth of an edge.
 const REMESHED: f64 = 2500.0;
 
+/// Resistance to bending: with less, muscles of the measured hip lose more than half of their thickness.
+const BENDING: &str = "5e-4 N m";
+
 /// Frames of a scene. A joint turns to its end and back in them.
 const FRAMES: usize = 300;
 
@@ -90,7 +93,7 @@ pub struct Draft {
     /// Files of lines along the fibres, for the first muscles.
     pub fibres: Vec<String>,
     pub joint: Option<Joint>,
-    /// The folder of meshes beside the scene; without one, bones hold all that is near.
+    /// The folder of meshes, as seen from that of the scene; without one, bones hold all that is near.
     pub parts: Option<PathBuf>,
     /// What was found of each muscle; empty before [`Draft::examine`].
     pub held: Vec<Held>,
@@ -312,6 +315,10 @@ impl Draft {
         if let Some((why, edge)) = &held.remeshed {
             let _ = write!(toml, "# {why}\nedge_length = \"{} mm\"\n", mm(*edge));
         }
+        let _ = write!(
+            toml,
+            "[muscle.material]\nbending = \"{BENDING}\" # a thin muscle keeps its thickness\n"
+        );
         // All bones together can fix a tenth of a muscle's vertices.
         let count = held.attachments.len().max(1) as f64;
         let limit = 100.0 * LIMIT.min(2.0 * LIMIT / count);

@@ -274,6 +274,7 @@ fn joints_of_measured_bones() {
         return;
     };
     let scratch = Scratch::folder();
+    fs::create_dir(scratch.join("scenes")).expect("a folder");
     let file = |folder: &str, name: &str| data.join(folder).join(format!("{name}.obj"));
     for (joint, bones, muscles, centre, tolerance, axis) in CASES {
         let bones = bones.iter().map(|name| file("bones", name));
@@ -281,12 +282,17 @@ fn joints_of_measured_bones() {
             .chain(muscles.iter().map(|name| file("muscles", name)))
             .collect();
         let mut arguments: Vec<&str> = files.iter().map(|file| shown(file)).collect();
-        arguments.push("--no-trial");
-        // Each pair of bones has one joint, so that its name need not be given.
+        // Each pair of bones has one joint, so that its name need not be given. Meshes beside a scene are
+        // found from its folder.
+        let scene = format!("scenes/{joint}.toml");
+        arguments.extend(["--no-trial", "--scene", &scene]);
         let (code, said, errors) = init(&scratch, &arguments);
         assert_eq!(code, Some(0), "{joint}: {errors}");
-        assert!(said.contains("unit: m"), "{said}");
-        let (found, about) = motion(&scratch.join(format!("{joint}.toml")));
+        assert!(
+            said.contains("unit: m") && said.contains(&format!("{joint}: ")),
+            "{said}"
+        );
+        let (found, about) = motion(&scratch.join(&scene));
         let off = (found - Point3::from(centre)).norm();
         assert!(off <= tolerance, "{joint}: {off} mm");
         // Within 15 degrees, in this sense.
@@ -297,7 +303,7 @@ fn joints_of_measured_bones() {
         // What is drafted passes every check before the first frame.
         let planned = pliant()
             .current_dir(&*scratch)
-            .args(["plan", &format!("{joint}.toml")])
+            .args(["plan", &scene])
             .output();
         assert_eq!(code, planned.expect("it runs").status.code());
     }
