@@ -37,6 +37,9 @@ pub struct FarEnd {
     pub length: f64,
 }
 
+/// The side of the bones that a joint turns.
+const TURNS: usize = 1;
+
 /// An attachment of a muscle to a bone.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attachment {
@@ -64,6 +67,8 @@ struct Around<'a> {
     distances: Vec<Vec<f64>>,
     /// The side of each bone: bones of one side move together.
     sides: Vec<usize>,
+    /// Whether the sides are those of a joint.
+    turns: bool,
     /// Distance of each vertex from the one and from the other tip, relative to the length.
     from_tip: [Vec<f64>; 2],
     length: f64,
@@ -132,7 +137,7 @@ impl<'a> Around<'a> {
             let to = |v: &Point3<f64>| bone.closest(v).map_or(f64::INFINITY, |c| c.distance.abs());
             mesh.vertices.iter().map(|v| 1e3 * to(v)).collect()
         };
-        let side = |b: usize| turns.map_or(b, |turns| usize::from(turns.contains(&b)));
+        let side = |b: usize| turns.map_or(b, |turns| if turns.contains(&b) { TURNS } else { 0 });
         let from_tip = |sign: f64| -> Vec<f64> {
             let heights = mesh.vertices.iter().map(|v| sign * (v - middle).dot(&axis));
             let tip = max_or_nan(heights.clone());
@@ -142,6 +147,7 @@ impl<'a> Around<'a> {
             mesh,
             distances: bones.iter().map(of).collect(),
             sides: (0..bones.len()).map(side).collect(),
+            turns: turns.is_some(),
             from_tip: [from_tip(1.0), from_tip(-1.0)],
             length,
         })
@@ -187,35 +193,44 @@ impl<'a> Around<'a> {
     }
 
     /// The attachments to bones that are near. A bone holds what is near to it in the half with the end of
-    /// its side.
+    /// its side. An insertion is narrow: of what is near to a bone that turns, it is what is nearest to the tip.
     fn near(&self, ends: &[Option<usize>; 2], far: &[(usize, (usize, f64))]) -> Vec<Attachment> {
         let mut found = Vec::new();
+        let most = self.most(LIMIT);
         for (bone, &side) in self.sides.iter().enumerate() {
-            let holds = |v: usize| {
-                (0..2).any(|e| {
+            // The distance from the tip of the end that holds a vertex.
+            let from_own_tip = |v: usize| {
+                let own = (0..2).filter(|&e| {
                     let is_far = far.iter().any(|(other, _)| *other == e);
                     ends[e] == Some(side) && !is_far && self.from_tip[e][v] <= 0.5
-                })
+                });
+                own.map(|e| self.from_tip[e][v]).next()
             };
             let near = (0..self.mesh.vertices.len()).filter(|&v| self.is_near(bone, v));
-            let (own, passed): (Vec<usize>, Vec<usize>) = near.partition(|&v| holds(v));
+            let (own, passed): (Vec<usize>, Vec<usize>) =
+                near.partition(|&v| from_own_tip(v).is_some());
             if own.is_empty() {
                 continue;
             }
-            let key = |v: usize| {
-                if holds(v) {
-                    self.distances[bone][v]
-                } else {
-                    f64::INFINITY
-                }
+            let is_insertion = self.turns && side == TURNS;
+            let key = |v: usize| match from_own_tip(v) {
+                Some(from) if is_insertion && self.is_near(bone, v) => from,
+                Some(_) if !is_insertion => self.distances[bone][v],
+                _ => f64::INFINITY,
             };
+            let is_part = !passed.is_empty() || is_insertion && own.len() > most;
             found.push(Attachment {
                 bone,
-                patch: (!passed.is_empty()).then(|| self.patch(key, LIMIT)),
+                patch: is_part.then(|| self.patch(key, LIMIT)),
                 far: None,
             });
         }
         found
+    }
+
+    /// The greatest number of vertices of a share of all.
+    fn most(&self, share: f64) -> usize {
+        ((share * self.mesh.vertices.len() as f64) as usize).max(3)
     }
 
     /// The triangles between the vertices with the least keys, up to a share of all vertices; or around
@@ -225,8 +240,7 @@ impl<'a> Around<'a> {
             .filter(|&v| key(v).is_finite())
             .collect();
         order.sort_by(|&a, &b| key(a).total_cmp(&key(b)).then(a.cmp(&b)));
-        let most = (share * self.mesh.vertices.len() as f64) as usize;
-        order.truncate(most.max(3));
+        order.truncate(self.most(share));
         let mut is_in = vec![false; self.mesh.vertices.len()];
         order.iter().for_each(|&v| is_in[v] = true);
         let corners = |t: &[u32; 3]| t.iter().filter(|v| is_in[**v as usize]).count();
@@ -336,6 +350,30 @@ mod tests {
             "{:?}",
             heights(third)
         );
+    }
+
+    #[test]
+    fn an_insertion_is_what_is_nearest_to_the_tip() {
+        // A bone lies along the lower 8 cm of a bar.
+        let bar = box_surface([0.04, 0.04, 0.2], 0.005);
+        let mut shaft = box_surface([0.02, 0.04, 0.08], 0.01);
+        shaft.vertices.iter_mut().for_each(|v| {
+            v.x += 0.031;
+            v.z -= 0.06;
+        });
+        let bones = [block(0.0, 0.111), Surface::new(&shaft)];
+        let highest_held = |turns: &[usize]| {
+            let (found, _) = find(&bar, &bones, Some(turns));
+            let shaft = found.into_iter().find(|a| a.bone == 1).expect("it holds");
+            shaft.patch.map(|patch| {
+                let corners = patch.iter().flat_map(|&t| bar.corners(t as usize));
+                corners.map(|x| x.z).fold(f64::NEG_INFINITY, f64::max)
+            })
+        };
+        let highest = highest_held(&[1]).expect("a part of what is near");
+        assert!(highest <= -0.05, "{highest}");
+        // Control: a bone that rests holds all that is near.
+        assert_eq!(highest_held(&[0]), None);
     }
 
     #[test]

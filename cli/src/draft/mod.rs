@@ -329,7 +329,9 @@ impl Draft {
                     " # the nearest bone to this end, {:.0} mm away: the mesh lacks a tendon",
                     far.mm
                 ),
-                (None, Some(_)) => " # elsewhere the muscle only passes this bone".to_owned(),
+                (None, Some(_)) => {
+                    " # a part of what is near: elsewhere the muscle passes this bone".to_owned()
+                }
                 (None, None) => String::new(),
             };
             let _ = writeln!(toml, "[[muscle.attachment]]{why}\nbone = {bone}");
