@@ -478,13 +478,16 @@ fn in_words(draft: &Draft, path: &Path) -> String {
             if let Some(mended) = &body.mended {
                 told.push(format!("repaired: {}", mended.why));
             }
-            told.extend(body.drawn.iter().map(|drawn| drawn.why.clone()));
             if kind == "muscle"
                 && let Some(held) = draft.held.get(k)
             {
                 let bones = held.attachments.iter().map(|a| {
                     let name = &draft.bones[a.bone].name;
                     match &a.far {
+                        Some(far) if far.lacks_tendon => {
+                            let mm = far.mm;
+                            format!("{name} from {mm:.0} mm away, as the mesh lacks its tendon over the joint")
+                        }
                         Some(far) => format!("{name} from {:.0} mm away", far.mm),
                         None => name.clone(),
                     }

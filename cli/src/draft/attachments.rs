@@ -21,20 +21,15 @@ const END: f64 = 0.35;
 /// lacks its tendon.
 const TENDON: f64 = 0.3;
 
-/// The vertices of a tip, by their distances from it, relative to the length.
-pub fn tip(from_tip: &[f64]) -> impl Iterator<Item = usize> {
-    (0..from_tip.len()).filter(|&v| from_tip[v] <= TIP)
-}
-
 /// An end of a muscle that a bone holds from afar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FarEnd {
     /// Its distance from the bone [mm].
     pub mm: f64,
-    /// Distances of all vertices from its tip, relative to the length.
-    pub from_tip: Vec<f64>,
-    /// The length [m].
-    pub length: f64,
+    /// The middle of its tip [m].
+    pub middle: Point3<f64>,
+    /// Whether a bone that rests holds it, although its tendon would cross the joint.
+    pub lacks_tendon: bool,
 }
 
 /// The side of the bones that a joint turns.
@@ -120,8 +115,8 @@ pub fn find(
             patch: Some(around.patch(|v| around.from_tip[e][v], LIMIT)),
             far: Some(FarEnd {
                 mm,
-                from_tip: around.from_tip[e].clone(),
-                length: around.length,
+                middle: around.middle_of_tip(e),
+                lacks_tendon: false,
             }),
         });
     }
@@ -132,7 +127,7 @@ pub fn find(
 
 impl<'a> Around<'a> {
     fn new(mesh: &'a TriangleMesh, bones: &[Surface], turns: Option<&[usize]>) -> Option<Self> {
-        let (middle, axis, length) = long_axis(mesh)?;
+        let (middle, axis, length) = long_axis(&mesh.vertices)?;
         let of = |bone: &Surface| -> Vec<f64> {
             let to = |v: &Point3<f64>| bone.closest(v).map_or(f64::INFINITY, |c| c.distance.abs());
             mesh.vertices.iter().map(|v| 1e3 * to(v)).collect()
@@ -254,22 +249,21 @@ impl<'a> Around<'a> {
         if between.is_empty() { with(1) } else { between }
     }
 
+    fn middle_of_tip(&self, end: usize) -> Point3<f64> {
+        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        for v in self.within(end, TIP) {
+            sum += self.mesh.vertices[v].coords;
+            count += 1.0;
+        }
+        (sum / count).into()
+    }
+
     fn loose(&self, end: usize) -> LooseEnd {
         LooseEnd {
-            at: middle_of_tip(self.mesh, &self.from_tip[end]),
+            at: self.middle_of_tip(end),
             nearest: self.to_tip(end, None),
         }
     }
-}
-
-/// The middle of a tip [m].
-pub fn middle_of_tip(mesh: &TriangleMesh, from_tip: &[f64]) -> Point3<f64> {
-    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
-    for v in tip(from_tip) {
-        sum += mesh.vertices[v].coords;
-        count += 1.0;
-    }
-    (sum / count).into()
 }
 
 #[cfg(test)]

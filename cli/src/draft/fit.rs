@@ -60,11 +60,11 @@ fn facing(mesh: &TriangleMesh, others: &[&Surface], length: f64) -> Vec<usize> {
     (0..all.len()).filter(|&v| all[v] <= reach).collect()
 }
 
-/// The long axis of a bone through its middle, and its length along it [m].
-pub fn long_axis(mesh: &TriangleMesh) -> Option<(Point3<f64>, Unit<Vector3<f64>>, f64)> {
-    let middle = mean(mesh.vertices.iter())?;
+/// The long axis of points through their middle, and their length along it [m].
+pub fn long_axis(points: &[Point3<f64>]) -> Option<(Point3<f64>, Unit<Vector3<f64>>, f64)> {
+    let middle = mean(points.iter())?;
     let mut spread = Matrix3::zeros();
-    for v in &mesh.vertices {
+    for v in points {
         let d = v - middle;
         spread += d * d.transpose();
     }
@@ -73,7 +73,7 @@ pub fn long_axis(mesh: &TriangleMesh) -> Option<(Point3<f64>, Unit<Vector3<f64>>
         eigen.eigenvectors.column(eigen.eigenvalues.imax()).into(),
         0.0,
     )?;
-    let along = mesh.vertices.iter().map(|v| (v - middle).dot(&axis));
+    let along = points.iter().map(|v| (v - middle).dot(&axis));
     let length = max_or_nan(along.clone()) + max_or_nan(along.map(|h| -h));
     (length > 0.0).then_some((middle, axis, length))
 }
@@ -133,7 +133,7 @@ pub fn sphere(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
 
 /// The sphere of the head of a joint, which faces `sockets`.
 pub fn ball(head: &TriangleMesh, sockets: &[&Surface]) -> Option<Fit> {
-    let (_, _, length) = long_axis(head)?;
+    let (_, _, length) = long_axis(&head.vertices)?;
     let normals = head.vertex_normals();
     let points = |chosen: &[usize]| -> Vec<Point3<f64>> {
         chosen.iter().map(|&v| head.vertices[v]).collect()
@@ -196,7 +196,7 @@ pub fn hinge(
         let off = libm::atan2(across, down) - from_below;
         libm::cos(off) >= libm::cos(HALF)
     };
-    let (centroid, _, length) = long_axis(roller)?;
+    let (centroid, _, length) = long_axis(&roller.vertices)?;
     let normals = roller.vertex_normals();
     // A point in the middle of the shaft.
     let near = |v: &&Point3<f64>| (*v - centroid).dot(shaft).abs() <= SHAFT * length;

@@ -229,7 +229,7 @@ impl KnownJoint {
             between: between.map(|b| bones[b].name.to_owned()),
         };
         let shaft = |b: usize| {
-            let (middle, axis, _) = long_axis(bones[b].mesh)?;
+            let (middle, axis, _) = long_axis(&bones[b].mesh.vertices)?;
             Some((middle, axis))
         };
         let (fit, up) = match self.shape {
@@ -349,7 +349,7 @@ fn back_of_femur(
     fit: &Fit,
     up: &Unit<Vector3<f64>>,
 ) -> Option<(Vector3<f64>, bool)> {
-    let (middle, _, length) = long_axis(femur.mesh)?;
+    let (middle, _, length) = long_axis(&femur.mesh.vertices)?;
     let height = |v: &Point3<f64>| (v - middle).dot(up);
     let lowest = -max_or_nan(femur.mesh.vertices.iter().map(|v| -height(v)));
     let low: Vec<Vector3<f64>> = femur
@@ -402,7 +402,7 @@ fn olecranon(
             )?
         }
         None => {
-            let (middle, _, _) = long_axis(bones[rests].mesh)?;
+            let (middle, _, _) = long_axis(&bones[rests].mesh.vertices)?;
             (middle - fit.centre).dot(&across)
         }
     };

@@ -47,19 +47,6 @@ pub struct Body {
     pub why: String,
     /// How its mesh is mended; `None` for a sound one.
     pub mended: Option<Mended>,
-    /// Its mesh with tendons; `None` if it is that of the file.
-    pub drawn: Option<Drawn>,
-}
-
-/// A muscle whose ends were drawn out to bones.
-#[derive(Debug)]
-pub struct Drawn {
-    /// Where its mesh is written.
-    pub path: PathBuf,
-    /// The mesh [m].
-    pub mesh: TriangleMesh,
-    /// What was done, in words.
-    pub why: String,
 }
 
 /// The repair of a mesh.
@@ -138,82 +125,51 @@ impl Draft {
     /// Finds attachments, and muscles to remesh, on the unchanged meshes.
     pub fn examine(&mut self, assets: &Assets) {
         let bones: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
-        let mut muscles = std::mem::take(&mut self.muscles);
-        let each = muscles.iter_mut().zip(&assets.muscles);
+        let meshes = assets.muscles.iter().map(|muscle| &muscle.mesh);
+        let each = self.muscles.iter().zip(meshes);
         self.held = each
-            .map(|(muscle, asset)| self.examine_one(muscle, &asset.mesh, &bones))
+            .map(|(muscle, mesh)| self.examine_one(muscle, mesh, &bones))
             .collect();
-        self.muscles = muscles;
     }
 
-    fn examine_one(&self, muscle: &mut Body, mesh: &TriangleMesh, bones: &[Surface]) -> Held {
+    fn examine_one(&self, muscle: &Body, mesh: &TriangleMesh, bones: &[Surface]) -> Held {
         let turns = self.joint.as_ref().map(|joint| joint.turns.as_slice());
-        let (mut attachments, mut loose) = attachments::find(mesh, bones, turns);
-        muscle.drawn = self.drawn(muscle, mesh, &attachments, bones);
-        let mesh = muscle.drawn.as_ref().map_or(mesh, |drawn| &drawn.mesh);
-        if muscle.drawn.is_some() {
-            (attachments, loose) = attachments::find(mesh, bones, turns);
+        let (mut attachments, loose) = attachments::find(mesh, bones, turns);
+        if let Some(joint) = &self.joint {
+            let is_held_from_afar = |a: &&mut Attachment| joint.turns.contains(&a.bone);
+            for attachment in attachments.iter_mut().filter(is_held_from_afar) {
+                let Some(far) = &mut attachment.far else {
+                    continue;
+                };
+                if tendon::is_carried_into(&far.middle, joint, bones)
+                    && let Some((bone, away)) = tendon::nearest_at_rest(&far.middle, joint, bones)
+                {
+                    attachment.bone = bone;
+                    (far.mm, far.lacks_tendon) = (1e3 * away, true);
+                }
+            }
         }
-        let patch = |a: &Attachment| {
+        let patch = |(k, a): (usize, &Attachment)| {
             let bone = file_name(&self.bones[a.bone].name);
-            let file = format!("{}-on-{bone}.obj", file_name(&muscle.name));
+            let file = format!("{}-{}-on-{bone}.obj", file_name(&muscle.name), k + 1);
             let path = self.parts.as_ref()?.join(file);
             Some((path, part(mesh, a.patch.as_ref()?)))
         };
         Held {
-            patches: attachments.iter().map(patch).collect(),
+            patches: attachments.iter().enumerate().map(patch).collect(),
             attachments,
             loose,
             remeshed: uneven(mesh),
         }
     }
 
-    /// A muscle with tendons at the ends that a bone holds from afar and would carry into another bone.
-    fn drawn(
-        &self,
-        muscle: &Body,
-        mesh: &TriangleMesh,
-        attachments: &[Attachment],
-        bones: &[Surface],
-    ) -> Option<Drawn> {
-        let (joint, folder) = (self.joint.as_ref()?, self.parts.as_ref()?);
-        let (mut drawn, mut words) = (mesh.clone(), Vec::new());
-        for attachment in attachments.iter().filter(|a| joint.turns.contains(&a.bone)) {
-            let Some(far) = &attachment.far else { continue };
-            let middle = attachments::middle_of_tip(mesh, &far.from_tip);
-            if !tendon::is_carried_into(&middle, joint, bones) {
-                continue;
-            }
-            let bone = &bones[attachment.bone];
-            if let Some((longer, way)) = tendon::drawn_out(&drawn, &far.from_tip, far.length, bone)
-            {
-                drawn = longer;
-                let bone = &self.bones[attachment.bone].name;
-                words.push(format!(
-                    "the file lacks the tendon to {bone}: its end is drawn out by {:.0} mm",
-                    1e3 * way
-                ));
-            }
-        }
-        (!words.is_empty()).then(|| Drawn {
-            path: folder.join(format!("{}.obj", file_name(&muscle.name))),
-            mesh: drawn,
-            why: words.join("; "),
-        })
-    }
-
     /// The meshes that the scene needs beside those of its bodies, with their files.
     pub fn files(&self) -> impl Iterator<Item = (&PathBuf, &TriangleMesh)> {
-        let drawn = self
-            .muscles
-            .iter()
-            .filter_map(|muscle| muscle.drawn.as_ref());
-        let drawn = drawn.map(|drawn| (&drawn.path, &drawn.mesh));
         let patches = self
             .held
             .iter()
             .flat_map(|held| held.patches.iter().flatten());
-        drawn.chain(patches.map(|(path, mesh)| (path, mesh)))
+        patches.map(|(path, mesh)| (path, mesh))
     }
 
     /// The scene as TOML.
@@ -254,12 +210,6 @@ impl Draft {
             why => format!(" # {why}"),
         };
         let _ = writeln!(toml, "\n[[{kind}]]{why}\nname = {name}");
-        if let Some(drawn) = &body.drawn {
-            let path = quoted(&drawn.path.display().to_string());
-            let _ = writeln!(toml, "# {}; made of {}", drawn.why, body.path);
-            let _ = write!(toml, "mesh = {path}\nunit = \"m\"\n");
-            return;
-        }
         let (path, unit) = (quoted(&body.path), quoted(&self.unit));
         let _ = write!(toml, "mesh = {path}\nunit = {unit}\n");
         let Some(Mended { why, options }) = &body.mended else {
@@ -325,6 +275,10 @@ impl Draft {
         for (attachment, patch) in held.attachments.iter().zip(&held.patches) {
             let bone = quoted(&self.bones[attachment.bone].name);
             let why = match (&attachment.far, patch) {
+                (Some(far), _) if far.lacks_tendon => format!(
+                    " # the mesh lacks the tendon over the joint: this bone, {:.0} mm away, holds its end",
+                    far.mm
+                ),
                 (Some(far), _) => format!(
                     " # the nearest bone to this end, {:.0} mm away: the mesh lacks a tendon",
                     far.mm
