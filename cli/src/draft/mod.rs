@@ -194,13 +194,29 @@ impl Draft {
             if let Some(held) = self.held.get(m) {
                 self.put_held(&mut toml, held);
             }
+            if self.held.get(m).is_some_and(|held| self.has_fibres(held)) {
+                toml.push_str("[muscle.fibres] # with their tone it does not buckle as it shortens\nmethod = \"harmonic\"\n");
+            }
             if let Some(lines) = self.fibres.get(m) {
                 let (lines, unit) = (quoted(lines), quoted(&self.unit));
                 let _ = write!(toml, "[muscle.fibres]\nlines = {lines}\nunit = {unit}\n");
             }
         }
         toml.push_str(&usual_effects());
+        if self.held.iter().any(|held| self.has_fibres(held)) {
+            toml.push_str("[effects.tone]\n");
+        }
         toml
+    }
+
+    /// Whether fibres are computed for a muscle: a joint turns one of its bones and not another.
+    fn has_fibres(&self, held: &Held) -> bool {
+        let turns = |a: &Attachment| {
+            let joint = self.joint.as_ref();
+            joint.map(|joint| joint.turns.contains(&a.bone))
+        };
+        let has = |turned: bool| held.attachments.iter().any(|a| turns(a) == Some(turned));
+        has(true) && has(false)
     }
 
     fn put_body(&self, toml: &mut String, kind: &str, body: &Body) {

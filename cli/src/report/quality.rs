@@ -92,6 +92,8 @@ struct Watched {
     jitter: Option<f64>,
     /// Greatest motion of a free and of a held vertex in a frame [m].
     ways: [f64; 2],
+    /// That of a held vertex in the whole motion of its bone, of which a run can make a part.
+    scheduled: f64,
     lift: Option<f64>,
     thinnest: Option<f64>,
     hinge: f64,
@@ -105,6 +107,7 @@ impl RunQuality {
         for (k, body) in simulation.bodies.iter().enumerate() {
             let x = &body.rest.vertices;
             let watched = &mut self.muscles[k];
+            watched.scheduled = scheduled(simulation, body);
             watched.thick = thickness(body, x, &surfaces[k]);
             let bones = Bones::of(simulation, 0);
             let free = (0..x.len()).filter(|&v| body.is_free(v));
@@ -293,7 +296,7 @@ impl Watched {
         let ratio = |a: f64, b: f64| (b > 0.0).then(|| a / b);
         Quality {
             jitter_m: self.jitter,
-            snap_ratio: ratio(free, held),
+            snap_ratio: ratio(free, max_or_nan([held, self.scheduled])),
             lift_off_m: self.lift,
             thickness_ratio_min: self.thinnest.zip(self.thick).and_then(|(a, b)| ratio(a, b)),
             hinge_max_deg: (!self.hinges.is_empty()).then_some(self.hinge),
@@ -322,6 +325,31 @@ impl<'a> Bones<'a> {
         });
         each.min_by(|a, b| a.0.total_cmp(&b.0))
     }
+}
+
+/// Greatest number of frames of a motion that are looked at.
+const LOOKED_AT: usize = 1000;
+
+/// Greatest motion of a held vertex in a frame, over all key frames of the bones [m].
+fn scheduled(simulation: &Simulation, body: &Body) -> f64 {
+    let bones = simulation.scene.bones.iter();
+    let last = bones.filter_map(|bone| Some(bone.motion.keys.last()?.frame));
+    let last = max_or_nan(last.chain([0.0])).ceil() as usize;
+    let held = |&&(v, _): &&(u32, usize)| !body.is_free(v as usize);
+    let poses = |frame: usize| -> Vec<Isometry3<f64>> {
+        let all = 0..simulation.bones.len();
+        all.map(|b| simulation.pose(b, frame as f64)).collect()
+    };
+    let rest = poses(0);
+    let ways = (0..last).step_by(last / LOOKED_AT + 1).flat_map(|frame| {
+        let (before, after) = (poses(frame), poses(frame + 1));
+        let rest = &rest;
+        body.attached.iter().filter(held).map(move |&(v, b)| {
+            let local = rest[b].inverse_transform_point(&body.rest.vertices[v as usize]);
+            (after[b] * local - before[b] * local).norm()
+        })
+    });
+    max_or_nan(ways.chain([0.0]))
 }
 
 fn at_rest(body: &Body) -> Surface {
