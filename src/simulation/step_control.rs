@@ -517,14 +517,18 @@ mod tests {
         let greatest = (0..200).map(|_| frame(&mut control, |_| 0.5).0).max();
         assert_eq!(greatest, Some(40), "once, to see whether they help");
         // A greater residual is looked at anew.
-        (0..40).for_each(|_| drop(frame(&mut control, |_| 0.9)));
+        for _ in 0..40 {
+            frame(&mut control, |_| 0.9);
+        }
         assert!(control.steps() > 40);
     }
 
     #[test]
     fn a_state_of_the_control_comes_back() {
         let mut control = following();
-        (0..30).for_each(|_| drop(frame(&mut control, |steps| 300.0 / f64::from(steps))));
+        for _ in 0..30 {
+            frame(&mut control, |steps| 300.0 / f64::from(steps));
+        }
         let mut bytes = Writer::default();
         control.save(&mut bytes);
         let mut other = following();

@@ -82,6 +82,18 @@ struct Read {
     mesh: TriangleMesh,
 }
 
+impl Read {
+    /// Its longest side, in the unit of its file.
+    fn size(&self) -> f64 {
+        self.mesh.bounding_box().extents().max()
+    }
+
+    /// The bone that its name tells, if it is one.
+    fn known_bone(&self) -> Option<&'static names::KnownBone> {
+        names::known_bone(&self.body.name).filter(|_| self.kind == Kind::Bone)
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let wanted = match arguments.joint.as_deref() {
         None | Some("none") => None,
@@ -129,11 +141,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     draft.parts = path.with_extension("meshes").file_name().map(PathBuf::from);
     examine(&mut draft, &[])?;
-    if let Some(loose) = draft.loose().first() {
-        let muscle = loose.split(':').next().unwrap_or_default();
+    let loose = draft.loose();
+    if !loose.is_empty() {
+        let mut names: Vec<&str> = loose.iter().filter_map(|l| l.split(':').next()).collect();
+        names.dedup();
+        let quoted = names.iter().map(|name| match name.contains(' ') {
+            true => format!("'{name}'"),
+            false => (*name).to_owned(),
+        });
+        let quoted: Vec<String> = quoted.collect();
         return Err(Failure::usage(
-            loose.clone(),
-            format!("add the bone that holds it, or leave the muscle out with --without {muscle}"),
+            loose.join("; "),
+            format!(
+                "add the bones that hold them, or leave the muscles out with --without {}",
+                quoted.join(" ")
+            ),
         ));
     }
     let toml = heading(&path) + &draft.toml();
@@ -307,34 +329,19 @@ fn unit(arguments: &Arguments, read: &[Read]) -> Result<(String, String), Failur
         length_unit(unit)?;
         return Ok((unit.clone(), String::new()));
     }
-    let size = |mesh: &TriangleMesh| mesh.bounding_box().extents().max();
-    let fits = |unit: &str| -> bool {
-        let metres = length_unit(unit).unwrap_or(f64::NAN);
-        let mut known = read
-            .iter()
-            .filter_map(|r| Some((names::known_bone(&r.body.name)?, r)));
-        known.all(|(bone, r)| {
-            let length = size(&r.mesh) * metres;
-            r.kind != Kind::Bone || (bone.length[0]..=bone.length[1]).contains(&length)
-        })
-    };
-    let largest = read
-        .iter()
-        .max_by(|a, b| size(&a.mesh).total_cmp(&size(&b.mesh)));
-    let largest = largest.map_or(0.0, |r| size(&r.mesh));
+    let largest = read.iter().max_by(|a, b| a.size().total_cmp(&b.size()));
+    let largest = largest.map_or(0.0, Read::size);
     let plausible: Vec<(&str, f64)> = likely_units(largest)
         .into_iter()
-        .filter(|(unit, _)| fits(unit))
+        .filter(|(unit, _)| suits_bones(unit, read))
         .collect();
-    let known = read
-        .iter()
-        .find(|r| r.kind == Kind::Bone && names::known_bone(&r.body.name).is_some());
-    let said = |(unit, _): &(&str, f64), r: &Read| {
-        let length = size(&r.mesh) * length_unit(unit).unwrap_or(f64::NAN);
-        format!("{} is then {:.0} mm long", r.body.name, 1e3 * length)
-    };
+    let known = read.iter().find(|r| r.known_bone().is_some());
     match (plausible.as_slice(), known) {
-        ([one], Some(bone)) => Ok((one.0.to_owned(), said(one, bone))),
+        ([(unit, _)], Some(bone)) => {
+            let mm = 1e3 * bone.size() * length_unit(unit)?;
+            let why = format!("{} is then {mm:.0} mm long", bone.body.name);
+            Ok(((*unit).to_owned(), why))
+        }
         (some, bone) => {
             let why = match (some, bone) {
                 ([], Some(bone)) => format!("no unit of length suits {}", bone.body.name),
@@ -355,6 +362,13 @@ fn unit(arguments: &Arguments, read: &[Read]) -> Result<(String, String), Failur
             )
         }
     }
+}
+
+/// Whether all bones that names tell have a size that such a bone can have, in this unit.
+fn suits_bones(unit: &str, read: &[Read]) -> bool {
+    let metres = length_unit(unit).unwrap_or(f64::NAN);
+    let mut known = read.iter().filter_map(|r| Some((r.known_bone()?, r)));
+    known.all(|(bone, r)| (bone.length[0]..=bone.length[1]).contains(&(r.size() * metres)))
 }
 
 /// The answer of the user to the question for the unit; `None` if nobody sits at a terminal.

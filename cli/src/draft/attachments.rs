@@ -125,13 +125,15 @@ pub fn find(
     (found, loose.map(|e| around.loose(e)).collect())
 }
 
+/// The distance of each vertex from a bone [mm].
+fn distances_mm(mesh: &TriangleMesh, bone: &Surface) -> Vec<f64> {
+    let to = |v: &Point3<f64>| bone.closest(v).map_or(f64::INFINITY, |c| c.distance.abs());
+    mesh.vertices.iter().map(|v| 1e3 * to(v)).collect()
+}
+
 impl<'a> Around<'a> {
     fn new(mesh: &'a TriangleMesh, bones: &[Surface], turns: Option<&[usize]>) -> Option<Self> {
         let (middle, axis, length) = long_axis(&mesh.vertices)?;
-        let of = |bone: &Surface| -> Vec<f64> {
-            let to = |v: &Point3<f64>| bone.closest(v).map_or(f64::INFINITY, |c| c.distance.abs());
-            mesh.vertices.iter().map(|v| 1e3 * to(v)).collect()
-        };
         let side = |b: usize| turns.map_or(b, |turns| if turns.contains(&b) { TURNS } else { 0 });
         let from_tip = |sign: f64| -> Vec<f64> {
             let heights = mesh.vertices.iter().map(|v| sign * (v - middle).dot(&axis));
@@ -140,7 +142,7 @@ impl<'a> Around<'a> {
         };
         Some(Self {
             mesh,
-            distances: bones.iter().map(of).collect(),
+            distances: bones.iter().map(|bone| distances_mm(mesh, bone)).collect(),
             sides: (0..bones.len()).map(side).collect(),
             turns: turns.is_some(),
             from_tip: [from_tip(1.0), from_tip(-1.0)],

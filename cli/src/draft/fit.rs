@@ -182,6 +182,12 @@ const RADIAN: f64 = std::f64::consts::PI / 180.0;
 /// Half of the part of a bone that is the middle of its shaft.
 const SHAFT: f64 = 0.15;
 
+/// Greatest ratio of the radii of two condyles.
+const UNLIKE: f64 = 2.5;
+
+/// Rounds in which an axis is found from condyles that are found along it.
+const TURNS: usize = 4;
+
 /// The axis of a hinge: the line through the centres of the two halves, the condyles, of its roller, which
 /// faces `others`. `shaft` points from the joint into the bone with the shaft. The middle of the condyles is
 /// at the angle `from_below` [rad] from the end of the shaft to the side to which the roller stands out. The
@@ -192,80 +198,143 @@ pub fn hinge(
     shaft: &Unit<Vector3<f64>>,
     from_below: f64,
 ) -> Option<Fit> {
-    let is_of_condyle = |across: f64, down: f64| {
-        let off = libm::atan2(across, down) - from_below;
-        libm::cos(off) >= libm::cos(HALF)
-    };
     let (centroid, _, length) = long_axis(&roller.vertices)?;
-    let normals = roller.vertex_normals();
-    // A point in the middle of the shaft.
     let near = |v: &&Point3<f64>| (*v - centroid).dot(shaft).abs() <= SHAFT * length;
     let of_shaft = mean(roller.vertices.iter().filter(near)).unwrap_or(centroid);
     let faces = facing(roller, others, length);
-    let x = |v: usize| roller.vertices[v];
     let middle = mean(faces.iter().map(|&v| &roller.vertices[v]))?;
-    let mut axis = widest(faces.iter().map(|&v| x(v) - middle), shaft)?;
+    let faces: Vec<Vector3<f64>> = faces.iter().map(|&v| roller.vertices[v] - middle).collect();
+    let roller = Roller {
+        out: roller.vertices.iter().map(|x| x - middle).collect(),
+        normals: roller.vertex_normals(),
+        shaft: *shaft,
+        of_shaft: of_shaft - middle,
+        from_below,
+    };
+    let mut axis = widest(faces.iter().copied(), shaft)?;
     let mut found = None;
-    for _ in 0..4 {
-        let heights: Vec<f64> = faces.iter().map(|&v| (x(v) - middle).dot(&axis)).collect();
-        let (low, high) = (-max_or_nan(heights.iter().map(|h| -h)), max_or_nan(heights));
-        let width = high - low;
-        let up = Unit::try_new(shaft.into_inner() - axis.scale(shaft.dot(&axis)), 0.0)?;
-        let mut across = axis.cross(&up);
-        let end = roller
-            .vertices
-            .iter()
-            .filter(|v| (*v - middle).dot(&up).abs() <= SLAB[1] * width)
-            .map(|v| (v - of_shaft).dot(&across));
-        if max_or_nan(end.clone().map(|d| -d)) > max_or_nan(end) {
-            across = -across;
-        }
-        let takes_part = |&v: &usize| {
-            let (d, n) = (x(v) - middle, normals[v]);
-            let h = d.dot(&axis);
-            (low - SLAB[0] * width..=high + SLAB[0] * width).contains(&h)
-                && d.dot(&up).abs() <= SLAB[1] * width
-                && n.dot(&axis).abs() <= ACROSS
-                && is_of_condyle(n.dot(&across), -n.dot(&up))
-        };
-        let part: Vec<usize> = (0..roller.vertices.len()).filter(takes_part).collect();
-        let half = 0.5 * (low + high);
-        let condyle = |second: bool| {
-            let own: Vec<usize> = part
-                .iter()
-                .copied()
-                .filter(|&v| ((x(v) - middle).dot(&axis) >= half) == second)
-                .collect();
-            let seen = |d: Vector3<f64>| Vector2::new(d.dot(&across), d.dot(&up));
-            let lines: Vec<(Vector2<f64>, Vector2<f64>)> = own
-                .iter()
-                .filter_map(|&v| {
-                    let n = seen(normals[v]).try_normalize(0.0)?;
-                    Some((seen(x(v) - middle), n))
-                })
-                .collect();
-            let (at, misfit) = meeting(&lines, 1e-3 * width)?;
-            let radius = median(lines.iter().map(|(p, n)| (p - at).dot(n)).collect())?;
-            let h = median(own.iter().map(|&v| (x(v) - middle).dot(&axis)).collect())?;
-            let centre = middle + across * at.x + up.scale(at.y) + axis.scale(h);
-            Some((centre, radius, misfit, own.len()))
-        };
-        let (first, second) = (condyle(false)?, condyle(true)?);
-        axis = Unit::try_new(second.0 - first.0, 0.0)?;
-        found = Some((first, second, across));
+    for _ in 0..TURNS {
+        let view = roller.along(axis, &faces)?;
+        let [first, second] = [roller.condyle(&view, false)?, roller.condyle(&view, true)?];
+        axis = Unit::try_new(second.centre - first.centre, 0.0)?;
+        found = Some((first, second, view.across));
     }
     let (first, second, across) = found?;
-    let radius = vec![first.1, second.1];
-    let misfit = max_or_nan([first.2, second.2]);
-    let fits = |c: &(Point3<f64>, f64, f64, usize)| c.3 >= FEWEST && c.2 <= CURVED * c.1;
-    let alike = first.1 <= 2.5 * second.1 && second.1 <= 2.5 * first.1;
-    (fits(&first) && fits(&second) && alike).then(|| Fit {
-        centre: first.0 + axis.scale((middle - first.0).dot(&axis)),
+    let alike = first.radius <= UNLIKE * second.radius && second.radius <= UNLIKE * first.radius;
+    (first.fits() && second.fits() && alike).then(|| Fit {
+        centre: middle + first.centre - axis.scale(first.centre.dot(&axis)),
         axis: Some((axis, across)),
-        radius,
-        misfit,
-        count: first.3 + second.3,
+        radius: vec![first.radius, second.radius],
+        misfit: max_or_nan([first.misfit, second.misfit]),
+        count: first.count + second.count,
     })
+}
+
+/// The bone of a hinge with its condyles, seen from the middle of what faces the other bone.
+struct Roller {
+    /// The vertices, and a point in the middle of the shaft, from there [m].
+    out: Vec<Vector3<f64>>,
+    of_shaft: Vector3<f64>,
+    normals: Vec<Vector3<f64>>,
+    shaft: Unit<Vector3<f64>>,
+    from_below: f64,
+}
+
+/// The directions of a roller along an axis.
+struct View {
+    axis: Unit<Vector3<f64>>,
+    up: Unit<Vector3<f64>>,
+    /// To the side to which the roller stands out.
+    across: Vector3<f64>,
+    /// Range along the axis of what faces the other bone [m].
+    range: [f64; 2],
+}
+
+impl View {
+    fn width(&self) -> f64 {
+        self.range[1] - self.range[0]
+    }
+
+    /// A vector seen along the axis.
+    fn seen(&self, d: &Vector3<f64>) -> Vector2<f64> {
+        Vector2::new(d.dot(&self.across), d.dot(&self.up))
+    }
+}
+
+/// A half of a roller.
+struct Condyle {
+    centre: Vector3<f64>,
+    radius: f64,
+    misfit: f64,
+    count: usize,
+}
+
+impl Condyle {
+    fn fits(&self) -> bool {
+        self.count >= FEWEST && self.misfit <= CURVED * self.radius
+    }
+}
+
+impl Roller {
+    /// The directions along an axis; `faces` is what faces the other bone.
+    fn along(&self, axis: Unit<Vector3<f64>>, faces: &[Vector3<f64>]) -> Option<View> {
+        let heights = faces.iter().map(|d| d.dot(&axis));
+        let range = [
+            -max_or_nan(heights.clone().map(|h| -h)),
+            max_or_nan(heights),
+        ];
+        let up = self.shaft.into_inner() - axis.scale(self.shaft.dot(&axis));
+        let up = Unit::try_new(up, 0.0)?;
+        let across = axis.cross(&up);
+        let mut view = View {
+            axis,
+            up,
+            across,
+            range,
+        };
+        let at_end = |d: &&Vector3<f64>| d.dot(&up).abs() <= SLAB[1] * view.width();
+        let end = self.out.iter().filter(at_end);
+        let out = end.map(|d| (d - self.of_shaft).dot(&across));
+        if max_or_nan(out.clone().map(|d| -d)) > max_or_nan(out) {
+            view.across = -across;
+        }
+        Some(view)
+    }
+
+    /// Whether a vertex is on a condyle.
+    fn is_of_condyle(&self, view: &View, v: usize) -> bool {
+        let (d, n) = (&self.out[v], &self.normals[v]);
+        let [low, high] = view.range;
+        let beside = SLAB[0] * view.width();
+        let out = view.seen(n);
+        let off = libm::atan2(out.x, -out.y) - self.from_below;
+        (low - beside..=high + beside).contains(&d.dot(&view.axis))
+            && d.dot(&view.up).abs() <= SLAB[1] * view.width()
+            && n.dot(&view.axis).abs() <= ACROSS
+            && libm::cos(off) >= libm::cos(HALF)
+    }
+
+    /// The first or the second condyle along the axis.
+    fn condyle(&self, view: &View, second: bool) -> Option<Condyle> {
+        let half = 0.5 * (view.range[0] + view.range[1]);
+        let is_own = |v: &usize| (self.out[*v].dot(&view.axis) >= half) == second;
+        let all = (0..self.out.len()).filter(|&v| self.is_of_condyle(view, v));
+        let own: Vec<usize> = all.filter(is_own).collect();
+        let line = |&v: &usize| {
+            let normal = view.seen(&self.normals[v]).try_normalize(0.0)?;
+            Some((view.seen(&self.out[v]), normal))
+        };
+        let lines: Vec<(Vector2<f64>, Vector2<f64>)> = own.iter().filter_map(line).collect();
+        let (at, misfit) = meeting(&lines, 1e-3 * view.width())?;
+        let radius = median(lines.iter().map(|(p, n)| (p - at).dot(n)).collect())?;
+        let height = median(own.iter().map(|&v| self.out[v].dot(&view.axis)).collect())?;
+        Some(Condyle {
+            centre: view.across * at.x + view.up.scale(at.y) + view.axis.scale(height),
+            radius,
+            misfit,
+            count: own.len(),
+        })
+    }
 }
 
 /// The direction in which vectors spread most, square to `shaft`.

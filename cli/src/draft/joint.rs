@@ -212,31 +212,18 @@ impl KnownJoint {
     ) -> Result<Joint, NoJoint> {
         let between = self.bones(bones, chosen)?;
         let [rests, turns] = between;
-        let moves = |b: usize| {
-            b == turns || (b != rests && (bones[b].is(self.turns) || bones[b].is(self.along)))
-        };
-        // All bones of a side face the other one.
-        let others = |side: &'static [&'static str], own: usize| -> Vec<&Surface> {
-            let of_side = (0..bones.len()).filter(|&b| b == own || bones[b].is(side));
-            of_side
-                .filter(|&b| b != between[usize::from(own == rests)])
-                .map(|b| bones[b].surface)
-                .collect()
-        };
         let no_fit = |what| NoJoint::NoFit {
             joint: self.name,
             what,
             between: between.map(|b| bones[b].name.to_owned()),
         };
-        let shaft = |b: usize| {
-            let (middle, axis, _) = long_axis(&bones[b].mesh.vertices)?;
-            Some((middle, axis))
-        };
         let (fit, up) = match self.shape {
             Shape::Ball => {
-                let fit = fit::ball(bones[turns].mesh, &others(self.rests, rests));
+                let sockets = surfaces_of(bones, self.rests, [rests, turns]);
+                let fit = fit::ball(bones[turns].mesh, &sockets);
                 let fit = fit.ok_or_else(|| no_fit("sphere"))?;
-                let (middle, axis) = shaft(turns).ok_or_else(|| no_fit("sphere"))?;
+                let shaft = long_axis(&bones[turns].mesh.vertices);
+                let (middle, axis, _) = shaft.ok_or_else(|| no_fit("sphere"))?;
                 // From the bone to its head.
                 (fit.clone(), toward(axis, fit.centre - middle))
             }
@@ -244,12 +231,13 @@ impl KnownJoint {
                 of_resting,
                 middle: from_below,
             } => {
-                let (middle, axis) = shaft(rests).ok_or_else(|| no_fit("axis"))?;
+                let shaft = long_axis(&bones[rests].mesh.vertices);
+                let (middle, axis, _) = shaft.ok_or_else(|| no_fit("axis"))?;
                 let far = bones[turns].mesh.bounding_box().center();
                 let up = toward(axis, middle - far);
                 let (roller, others) = match of_resting {
-                    true => (rests, others(self.turns, turns)),
-                    false => (turns, others(self.rests, rests)),
+                    true => (rests, surfaces_of(bones, self.turns, [turns, rests])),
+                    false => (turns, surfaces_of(bones, self.rests, [rests, turns])),
                 };
                 let found = fit::hinge(bones[roller].mesh, &others, &up, from_below.to_radians());
                 (found.ok_or_else(|| no_fit("axis"))?, up)
@@ -264,11 +252,18 @@ impl KnownJoint {
         Ok(Joint {
             known: self,
             between,
-            turns: (0..bones.len()).filter(|&b| moves(b)).collect(),
+            turns: (0..bones.len())
+                .filter(|&b| self.moves(bones, b, between))
+                .collect(),
             fit,
             axis,
             sense,
         })
+    }
+
+    /// Whether the joint between two bones turns a bone.
+    fn moves(&self, bones: &[NamedBone<'_>], b: usize, [rests, turns]: [usize; 2]) -> bool {
+        b == turns || (b != rests && (bones[b].is(self.turns) || bones[b].is(self.along)))
     }
 
     /// The axis in the sense of the motion, and what that comes from. `up` points along the shaft, away
@@ -329,6 +324,18 @@ impl KnownJoint {
             }
         }
     }
+}
+
+/// The surfaces of all bones of a side, which has these names, of a bone of it, and without the bone on the
+/// other side.
+fn surfaces_of<'a>(
+    bones: &[NamedBone<'a>],
+    side: &[&str],
+    [own, other]: [usize; 2],
+) -> Vec<&'a Surface> {
+    let of_side = |b: &usize| *b == own || (*b != other && bones[*b].is(side));
+    let all = (0..bones.len()).filter(of_side);
+    all.map(|b| bones[b].surface).collect()
 }
 
 /// An axis in the sense of a vector.

@@ -189,7 +189,7 @@ fn what_is_not_certain_is_refused_with_the_option_that_decides() {
             &[
                 "far psoas: no bone holds its end",
                 "mm away",
-                "--without far psoas",
+                "--without 'far psoas'",
             ],
         ),
         (&["scans", "femur.obj"], &["femur.obj", "E046"]),
