@@ -94,6 +94,12 @@ SHORT = {
     "distance from the start at the end, relative to the length": "distance at the end",
     "edge stretch at the end, RMS": "strain at the end",
     "motion that parted overlapping surfaces at the start, RMS": "parted far",
+    "share of an attachment that the motion would carry into another bone": "attachment",
+    "jitter while bones move steadily": "jitter",
+    "greatest speed, relative to the attachments": "snap",
+    "lift-off from bones": "lift-off",
+    "least thickness, relative to that at rest": "thickness",
+    "greatest angle of a fold": "fold",
 }
 # Share of the vertices that all bones together hold, the most for a muscle.
 LIMIT = 0.1
@@ -210,10 +216,10 @@ def run(folder, name, path, kind, edge):
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST)
     except subprocess.TimeoutExpired:
-        return ["", f"stopped after {LONGEST} s"] + [""] * 6
+        return ["", f"stopped after {LONGEST} s"] + [""] * 6 + ["-"]
     if done.returncode == 2:
         reason = done.stderr.strip().splitlines()[-1].split("error[")[-1]
-        return ["", f"refused: {reason[:5].rstrip(']')}"] + [""] * 6
+        return ["", f"refused: {reason[:5].rstrip(']')}"] + [""] * 6 + ["-"]
     summary = json.loads((out / "summary.json").read_text())
     muscle = summary["muscles"]["muscles"][0]
     with open(out / "times.csv", newline="") as times:

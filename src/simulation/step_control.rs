@@ -262,8 +262,11 @@ impl StepControl {
         if residual > self.rises_above {
             self.calm = 0;
             self.steps = ((RISE.0 * steps).ceil() as u32).min(self.greatest());
-        } else if residual < FALL.1 {
-            self.rises_above = RISE.1;
+        } else if residual < FALL.1 || residual > 1.0 {
+            // More steps are in vain for what is above the tolerance here.
+            if residual < FALL.1 {
+                self.rises_above = RISE.1;
+            }
             self.calm += 1;
             if self.calm >= CALM {
                 self.steps = ((FALL.0 * steps).floor() as u32).max(self.first);
@@ -521,6 +524,11 @@ mod tests {
             frame(&mut control, |_| 0.9);
         }
         assert!(control.steps() > 40);
+        // Above the tolerance as well, and then there are fewer again.
+        for _ in 0..200 {
+            frame(&mut control, |_| 1.2);
+        }
+        assert_eq!(control.steps(), 20);
     }
 
     #[test]
