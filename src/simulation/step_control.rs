@@ -140,6 +140,7 @@ impl StepControl {
             most,
             follows,
             proved: steps,
+            taken: steps,
             ..*self
         }
     }
