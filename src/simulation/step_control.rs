@@ -77,10 +77,10 @@ pub(super) struct StepControl {
     first: u32,
     most: u32,
     /// Whether it follows the residual, the number up to which shorter steps are known to help, and
-    /// whether the present frame is first tried with fewer.
+    /// whether the present frame proves it for a greater one.
     follows: bool,
     proved: u32,
-    is_proof: bool,
+    proof: Proof,
     /// Number of steps of the frame before, and whether any frame took more than the first.
     taken: u32,
     has_risen: bool,
@@ -97,6 +97,15 @@ pub(super) struct StepControl {
     tried: f64,
 }
 
+/// A frame that is made with half of the steps and with all, to see whether they help.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Proof {
+    Not,
+    Half,
+    /// With the residual of half of the steps, relative to the tolerance.
+    Whole(f64),
+}
+
 impl StepControl {
     /// Begins with the number of steps of the scene, or with the first one if it names none.
     pub fn new(scene: &Scene) -> Self {
@@ -106,7 +115,7 @@ impl StepControl {
             first,
             follows,
             proved: first,
-            is_proof: false,
+            proof: Proof::Not,
             taken: first,
             has_risen: false,
             rises_above: RISE.1,
@@ -148,9 +157,10 @@ impl StepControl {
     /// Begins a frame.
     pub fn begin_frame(&mut self) {
         self.tried = f64::INFINITY;
-        self.is_proof = self.follows && self.steps >= PROVED.saturating_mul(self.proved);
-        if self.is_proof {
+        self.proof = Proof::Not;
+        if self.follows && self.steps >= PROVED.saturating_mul(self.proved) {
             self.steps /= 2;
+            self.proof = Proof::Half;
         }
     }
 
@@ -187,7 +197,8 @@ impl StepControl {
     /// Takes shorter steps after a jump. Returns true the first time.
     pub fn shorten(&mut self) -> bool {
         self.double();
-        self.is_proof = false;
+        self.proved = self.steps;
+        self.proof = Proof::Not;
         self.repeated += 1;
         self.repeated == 1
     }
@@ -200,21 +211,24 @@ impl StepControl {
     /// Takes shorter steps after a frame with this residual, relative to the tolerance, if they can
     /// lessen it. Returns true if the frame is to be repeated.
     pub fn refines(&mut self, residual: f64) -> bool {
-        if std::mem::take(&mut self.is_proof) {
-            self.double();
-            (self.tried, self.proved) = (residual, self.steps);
-            return true;
-        }
-        let is_lessened = residual <= LESS * self.tried;
-        if self.proved == self.steps && self.tried.is_finite() && !is_lessened {
+        match std::mem::replace(&mut self.proof, Proof::Not) {
+            Proof::Half => {
+                self.double();
+                self.proved = self.steps;
+                self.proof = Proof::Whole(residual);
+                return true;
+            }
             // More steps do not help: their number stays, up to a greater residual.
-            self.rises_above = ACCEPTED * residual;
+            Proof::Whole(half) if !(residual <= LESS * half) => {
+                self.rises_above = ACCEPTED * residual;
+            }
+            Proof::Whole(_) | Proof::Not => {}
         }
         // NaN is not lessened.
         if !(residual > self.accepted) {
             return false;
         }
-        if !is_lessened {
+        if residual > LESS * self.tried {
             self.accepted = ACCEPTED * residual;
             self.steps = (self.steps / 2).max(self.first);
             return false;
@@ -288,7 +302,7 @@ impl State for StepControl {
             follows: _,
             proved,
             // Each frame begins with it.
-            is_proof: _,
+            proof: _,
             taken,
             has_risen,
             rises_above,
