@@ -30,15 +30,16 @@ Examples:
   pliant init scans --joint knee --between Femur.r Tibia.r --unit mm
   pliant init Femur.stl Hip_bone.stl Iliacus.stl Psoas.stl
 
-Reads every mesh of a folder. Names tell bones from muscles (--bones and --muscles for others) and find the joint. A head
-is fitted by a sphere, a hinge by the line through two condyles. Muscles are held by bones within 3 mm; an end that is
-farther away is held by the bone nearest to it. Meshes that a simulation refuses are repaired, uneven muscles are remeshed.
-NAME.toml has every guess as a line with its reason. Then the first ten frames are run, with a report. Next:
+Reads every mesh of a folder. Names tell bones from muscles (--bones and --muscles for others) and find the
+joint. A sphere is fitted to a head, and the axis of a hinge is the line through two condyles. Bones within
+3 mm hold a muscle; an end that is farther away is held by the bone nearest to it. Meshes that a simulation
+refuses are repaired. Uneven muscles are remeshed. NAME.toml has every guess as a line with its reason. Then
+the first ten frames are run, with a report. Next:
   pliant plan NAME.toml
   pliant run NAME.toml
 
-Exit codes: 0 every check of the ten frames passes; 1 one fails; 2 bad input, a bone is missing, or a guess is not
-certain: the message says which option decides.")]
+Exit codes: 0 every check of the ten frames passes; 1 one fails; 2 bad input, a bone is missing, or a guess is
+not certain: the message says which option decides.")]
 pub(super) struct Arguments {
     /// Meshes of bones and muscles, or folders of them
     #[arg(required = true, value_name = "MESH")]

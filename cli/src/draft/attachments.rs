@@ -210,10 +210,10 @@ impl<'a> Around<'a> {
                 continue;
             }
             let is_insertion = self.turns && side == TURNS;
-            let key = |v: usize| match from_own_tip(v) {
-                Some(from) if is_insertion && self.is_near(bone, v) => from,
-                Some(_) if !is_insertion => self.distances[bone][v],
-                _ => f64::INFINITY,
+            let key = |v: usize| match from_own_tip(v).filter(|_| self.is_near(bone, v)) {
+                Some(from) if is_insertion => from,
+                Some(_) => self.distances[bone][v],
+                None => f64::INFINITY,
             };
             let is_part = !passed.is_empty() || is_insertion && own.len() > most;
             found.push(Attachment {
@@ -346,6 +346,13 @@ mod tests {
             "{:?}",
             heights(third)
         );
+        // One that rests holds a part of what is near, and nothing else, although a patch could be larger.
+        let (found, _) = find(&spindle(), &bones, Some(&[1]));
+        let third = found.iter().find(|a| a.bone == 2).expect("it holds");
+        let triangles = third.patch.as_ref().expect("a patch").iter();
+        let corners = triangles.flat_map(|&t| spindle().corners(t as usize));
+        let away = corners.filter_map(|x| bones[2].closest(&x).map(|c| c.distance.abs()));
+        assert!(1e3 * max_or_nan(away) <= NEAR_MM);
     }
 
     #[test]

@@ -346,7 +346,7 @@ fn toward(axis: Unit<Vector3<f64>>, along: Vector3<f64>) -> Unit<Vector3<f64>> {
 /// Share of the length of a femur that has its condyles.
 const CONDYLES: f64 = 0.1;
 
-/// Condyles stand out to the back by so many times as much as to the front.
+/// Least ratio of what stands out to the back of a femur to what stands out to the front.
 const STANDS_OUT: f64 = 1.3;
 
 /// The direction to the back of a femur, and whether it comes from its name: that of a femur without
