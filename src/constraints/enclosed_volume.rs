@@ -25,6 +25,8 @@ pub struct EnclosedVolume {
     relaxation: f64,
     classic: f64,
     multiplier: f64,
+    /// Of the multiplier, in the last projection.
+    change: f64,
     packed: Packed,
     gradient: Vec<Slot>,
     field: Vec<Slot>,
@@ -58,6 +60,7 @@ impl EnclosedVolume {
             relaxation: 1.0,
             classic: 1.0,
             multiplier: 0.0,
+            change: 0.0,
             packed: Packed::default(),
             gradient: vec![Slot::default(); count],
             field: vec![Slot::default(); count],
@@ -198,6 +201,7 @@ impl EnclosedVolume {
         restrict: impl FnOnce(&mut [Slot], f64),
     ) -> Result<(), Unsolvable> {
         self.calls += 1;
+        self.change = 0.0;
         if dt == 0.0 {
             return Ok(());
         }
@@ -231,6 +235,7 @@ impl EnclosedVolume {
         let found = self.solve_along_field(wanted, compliance);
         if let Some(change) = found {
             let change = change * self.relaxation;
+            self.change = change;
             self.multiplier += change;
             let go = |(x, d): (&mut Point3<f64>, &Slot)| *x += vector(d) * change;
             if is_shared(self.field.len()) {
@@ -250,6 +255,17 @@ impl EnclosedVolume {
             volume,
             target: self.target,
         })
+    }
+
+    /// What the restriction of the last projection took from the displacement of `vertex` [m].
+    pub fn withheld(&self, vertex: u32) -> Vector3<f64> {
+        if self.change == 0.0 {
+            // Nothing moved, perhaps nothing was read.
+            return Vector3::zeros();
+        }
+        let v = vertex as usize;
+        let Slot([.., w]) = self.packed.slots[v];
+        (vector(&self.gradient[v]) * w - vector(&self.field[v])) * self.change
     }
 
     /// Root nearest to zero of V(x + s d) - V(x) + compliance s = `wanted`, a cubic in s.
@@ -311,6 +327,7 @@ impl State for EnclosedVolume {
             relaxation: _,
             classic: _,
             multiplier,
+            change: _,
             packed: _,
             gradient: _,
             field: _,
@@ -356,4 +373,38 @@ fn nearest_root([linear, square, cubic]: [f64; 3], wanted: f64) -> Option<f64> {
 
 fn vector(&Slot([x, y, z, _]): &Slot) -> Vector3<f64> {
     Vector3::new(x, y, z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    #[test]
+    fn what_is_withheld_completes_the_displacement() {
+        let ball = icosphere(1.0, 1);
+        let count = ball.vertices.len();
+        let mut volume = EnclosedVolume::new(&ball.triangles, count, 4.5, 0.0);
+        let mut particles = Particles::at_rest(ball.vertices.clone(), vec![2.0; count]);
+        let project = |volume: &mut EnclosedVolume, particles: &mut Particles, dt| {
+            let hold = |field: &mut [Slot], _| field[3] = Slot::default();
+            volume.project_along(particles, dt, hold).unwrap();
+            [3, 4].map(|v| volume.withheld(v))
+        };
+        let (_, gradient) = volume.value_and_gradient(&particles.position);
+        let nothing = [Vector3::zeros(); 2];
+        assert_eq!(project(&mut volume, &mut particles, 0.0), nothing);
+        let [held, free] = project(&mut volume, &mut particles, 1e-3);
+        assert_eq!(
+            (particles.position[3], free),
+            (ball.vertices[3], nothing[0])
+        );
+        // The same multiple of its gradient as that of a vertex that moved.
+        let moved = particles.position[4] - ball.vertices[4];
+        let multiple = moved.dot(&gradient[4]) / gradient[4].norm_squared();
+        let rounding = 64.0 * f64::EPSILON;
+        assert!((held - gradient[3] * multiple).norm() <= rounding * held.norm());
+        assert!(held.norm() > 0.0);
+        assert_eq!(project(&mut volume, &mut particles, 0.0), nothing);
+    }
 }

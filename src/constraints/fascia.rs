@@ -12,7 +12,8 @@ use crate::state::{DecodeError, Reader, State, Writer};
 /// Name of the effect.
 pub const FASCIA: &str = "fascia";
 
-/// Vertices each below a plane over a bone: [`PlaneContact`] from the other side, with a stiffness.
+/// Vertices each below a plane over a bone: [`PlaneContact`] from the other side, with a stiffness. The
+/// normal may be shorter than one, where bones on different sides hold a vertex.
 ///
 /// A vertex that is at most at its height is free. Above it the energy is k C^2 / 2, and a step projects
 /// it as XPBD does \[macklin2016\], with a force that only pulls. Nothing acts along the plane, so
@@ -43,11 +44,12 @@ impl Fascia {
     fn displacement(&mut self, k: usize, x: Point3<f64>, w: f64, dt: f64) -> Vector3<f64> {
         let (value, [normal]) = lift(&self.ties[k], x);
         let compliance = 1.0 / (self.stiffness[k] * dt * dt);
+        let w_of_c = w * normal.norm_squared();
         if !(w > 0.0 && compliance.is_finite()) {
             return Vector3::zeros();
         }
         let before = self.pulls[k];
-        let pull = before + (value - compliance * before) / (w + compliance);
+        let pull = before + (value - compliance * before) / (w_of_c + compliance);
         // Not `f64::max`, which would hide a NaN.
         let pull = if pull < 0.0 { 0.0 } else { pull };
         self.pulls[k] = pull;
@@ -195,7 +197,7 @@ impl Potential for Fascia {
 
     fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
         for (tie, k, _) in self.acting(x) {
-            add(tie.points[0], tie.points[0], k);
+            add(tie.points[0], tie.points[0], k * tie.normal.norm_squared());
         }
     }
 

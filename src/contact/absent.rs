@@ -1,6 +1,6 @@
 //! A build without the feature `contact`: the type of contacts with triangle meshes has no values.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::PosedObstacle;
 use super::active_normals::ActiveNormals;
@@ -19,11 +19,11 @@ impl Contacts {
         match *self {}
     }
 
-    pub(crate) fn barred(
-        &self,
-        _: &[Point3<f64>],
-        _: &[(u32, nalgebra::Vector3<f64>)],
-    ) -> ActiveNormals {
+    pub(crate) fn barred(&self, _: &[Point3<f64>], _: &[(u32, Vector3<f64>)]) -> ActiveNormals {
+        match *self {}
+    }
+
+    pub(crate) fn bear(&mut self, _: impl Fn(u32) -> Vector3<f64>) {
         match *self {}
     }
 

@@ -8,6 +8,10 @@ mod settle;
 mod shrink;
 mod sides;
 mod solid;
+#[cfg(test)]
+mod tests;
+
+use std::cell::OnceCell;
 
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
@@ -169,19 +173,26 @@ pub fn part(soft: &[SoftBody<'_>], rigid: &[RigidBody<'_>], gaps: Gaps) -> Parte
             ..Parted::default()
         };
     }
-    let mut best: Option<Parted> = None;
+    // What crosses itself as read is not parted from itself.
+    let folded = OnceCell::new();
+    let folded_as_read = || *folded.get_or_init(|| Scene::new(soft, rigid, gaps).folded());
+    let mut best: Option<((usize, usize), Parted)> = None;
     for attempt in &ATTEMPTS {
         let mut scene = Scene::new(soft, rigid, gaps);
         let left = scene.part(attempt);
-        let left_before = best.as_ref().map_or(usize::MAX, |best| best.left.len());
-        if left.len() < left_before {
-            best = Some(scene.result(&overlaps, left));
+        // Pairs that cross, then muscles that cross themselves.
+        let faults = match scene.unsound() {
+            0 => (left.len(), 0),
+            unsound => (left.len(), unsound.saturating_sub(folded_as_read())),
+        };
+        if best.as_ref().is_none_or(|(least, _)| faults < *least) {
+            best = Some((faults, scene.result(&overlaps, left)));
         }
-        if best.as_ref().is_some_and(|best| best.left.is_empty()) {
+        if faults == (0, 0) {
             break;
         }
     }
-    best.unwrap_or_default()
+    best.map_or_else(Parted::default, |(_, parted)| parted)
 }
 
 /// How an attempt parts.
@@ -335,12 +346,19 @@ impl Scene {
                 }
                 let at = of[0] * self.all.len() + of[1];
                 let mut watch = std::mem::take(&mut self.watches[at]);
-                let pair = self.pair(of);
+                let mut pair = self.pair(of);
+                // Two surfaces that do not cross are on the right sides of each other. A vertex
+                // that has gone around an edge would still be sent to the side that it was given.
+                let is_apart = crossing.is_empty() && !pair.sides.is_empty();
+                if is_apart {
+                    pair.sides = &[];
+                    watch = Watch::default();
+                }
                 let (pushes, deepest) = pair.of_vertices(&mut watch);
                 depth = max_or_nan([depth, deepest]);
                 seen.pushes.extend(pushes);
                 seen.pushes.extend(pair.of_edges(&pierced));
-                self.watches[at] = watch;
+                self.watches[at] = if is_apart { Watch::default() } else { watch };
             }
             seen.crossing.push(([i, j], crossing));
             seen.depth.push(depth);
@@ -487,6 +505,18 @@ impl Scene {
     /// True if all muscles have their volumes, and none crosses itself.
     fn is_sound(&mut self) -> bool {
         self.moving().flatten().all(Solid::is_sound)
+    }
+
+    /// Number of muscles that cross themselves.
+    fn folded(&mut self) -> usize {
+        let soft = self.all[..self.soft].par_iter_mut();
+        soft.filter_map(Solid::folded).count()
+    }
+
+    /// Number of muscles that lost their volume or cross themselves.
+    fn unsound(&mut self) -> usize {
+        let sound = self.moving().map(|solid| solid.is_none_or(Solid::is_sound));
+        sound.filter(|sound| !sound).count()
     }
 
     /// The pairs that cross, or of which one is in the other; most crossings first.

@@ -314,17 +314,14 @@ impl Meeting {
         meeting
     }
 
-    /// Corners of soft surface `member` that are pushed, each with the direction in which it must not
-    /// go back.
+    /// Corners of soft surface `member` that something fixed pushes, each with the direction in which
+    /// it must not go back. What is not fixed moves instead: otherwise it would not feel the load.
     pub fn blocked(&self, member: usize) -> impl Iterator<Item = (u32, Vector3<f64>)> + '_ {
-        let Member { first, count, .. } = self.members[member];
+        let member = &self.members[member];
         let pushed = self.rows.iter().filter(|row| row.is_pushed());
         pushed
-            .flat_map(Row::directions)
-            .filter_map(move |(v, normal)| {
-                let v = (v as usize).checked_sub(first).filter(|v| *v < count)?;
-                Some((v as u32, normal))
-            })
+            .flat_map(|row| row.directions(&self.mass))
+            .filter_map(|(v, away)| Some((member.local(v)?, away)))
     }
 
     /// Leaves pairs that have nearly their distance where they are, so that what is pushed apart is not
@@ -430,6 +427,12 @@ impl Member {
             triangles: mesh.triangles.iter().map(shift).collect(),
             bone,
         }
+    }
+
+    /// The number of a vertex of the meeting among those of this surface.
+    fn local(&self, v: u32) -> Option<u32> {
+        let v = (v as usize).checked_sub(self.first)?;
+        (v < self.count).then_some(v as u32)
     }
 }
 

@@ -72,6 +72,7 @@ pub(crate) mod response;
 #[cfg(not(feature = "contact"))]
 #[path = "absent.rs"]
 pub(crate) mod response;
+pub(crate) mod rounded;
 pub(crate) mod smooth;
 #[cfg(feature = "contact")]
 pub(crate) mod surface;
@@ -80,6 +81,8 @@ mod triangles;
 mod truncation;
 #[cfg(feature = "contact")]
 pub(crate) mod untangle;
+#[cfg(feature = "contact")]
+mod vertex_plane;
 #[cfg(feature = "contact")]
 mod vertices;
 

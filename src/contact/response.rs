@@ -8,7 +8,7 @@ use super::motion_bound::MotionBound;
 use super::plane::ContactPlane;
 use super::surface::Surface;
 use super::triangles::{TriangleContacts, plane_contact};
-use super::vertices::{self, VertexContacts};
+use super::vertices::VertexContacts;
 use super::{Obstacle, PosedObstacle, Projection};
 use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
@@ -96,7 +96,8 @@ impl Contacts {
         near: impl Fn(usize) -> Option<&'a [Option<Projection>]>,
     ) -> Self {
         let (free, x) = (free(particles).collect::<Vec<u32>>(), &particles.position);
-        let vertices = |&o: &usize| VertexContacts::new(&placed[o], &free, x, thickness, near(o));
+        let sizes = (thickness, surface.mean_edge());
+        let vertices = |&o: &usize| VertexContacts::new(&placed[o], &free, x, sizes, near(o));
         let vertices = obstacles.iter().map(vertices).collect();
         let triangles = obstacles
             .iter()
@@ -204,7 +205,7 @@ impl Contacts {
         // The penetration of vertices is undone first: as motion, it would trigger queries for all
         // bone points.
         for plane in self.vertices.iter_mut().flat_map(|c| &mut c.planes) {
-            push(plane, &mut particles.position, self.thickness);
+            plane.push_over(&mut particles.position, self.thickness);
         }
         let motion_bound = match self.triangles.is_empty() {
             true => motion_bound,
@@ -298,7 +299,7 @@ impl Contacts {
                 ));
             }
             for plane in self.vertices.iter_mut().flat_map(|c| &mut c.planes) {
-                largest = largest.max(push(plane, &mut particles.position, self.thickness));
+                largest = largest.max(plane.push_over(&mut particles.position, self.thickness));
             }
             if largest <= NEARLY * self.thickness {
                 break;
@@ -335,7 +336,7 @@ impl Contacts {
             for _ in 0..ROUNDS {
                 for contacts in &mut self.vertices {
                     if let Ok(k) = contacts.planes.binary_search_by_key(&vertex, |r| r.vertex) {
-                        push(&mut contacts.planes[k], x, wanted);
+                        contacts.planes[k].push_over(x, wanted);
                     }
                 }
             }
@@ -398,6 +399,17 @@ impl Contacts {
         )
     }
 
+    /// Adds what the volume would have moved each vertex against its planes [m] to the load of these
+    /// planes, after their directions were taken from its displacement.
+    pub fn bear(&mut self, withheld: impl Fn(u32) -> Vector3<f64>) {
+        // Nothing but friction needs the load.
+        if self.friction > 0.0 {
+            for plane in self.vertices.iter_mut().flat_map(|c| &mut c.planes) {
+                plane.push += (-withheld(plane.vertex).dot(&plane.normal)).max(0.0);
+            }
+        }
+    }
+
     /// Ends the step: velocities lose the motion of corrections, and friction slows the sliding of
     /// corrected vertices.
     pub fn end_step(&mut self, placed: &[PosedObstacle], particles: &mut Particles, dt: f64) {
@@ -412,7 +424,7 @@ impl Contacts {
                 let mut sliding = relative - plane.normal * along;
                 // Coulomb: at most friction times the normal impulse, here as a change of speed.
                 let speed = sliding.norm();
-                let limit = self.friction * plane.push / dt;
+                let limit = self.friction * (plane.push / dt - along.max(0.0));
                 if speed > 0.0 && limit > 0.0 {
                     sliding *= (1.0 - limit / speed).max(0.0);
                 }
@@ -587,14 +599,4 @@ fn two_lowest(heights: &[f64]) -> f64 {
     let mut sorted = heights.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted[0] + sorted[1]
-}
-
-/// Moves a vertex over its plane. Returns the distance [m].
-fn push(plane: &mut vertices::VertexPlane, x: &mut [Point3<f64>], thickness: f64) -> f64 {
-    let lack = thickness - plane.height(x);
-    if lack > 0.0 {
-        x[plane.vertex as usize] += plane.normal * lack;
-        plane.push += lack;
-    }
-    lack.max(0.0)
 }

@@ -95,6 +95,13 @@ impl Surface {
         &self.faces.mesh.triangles
     }
 
+    /// Edge length of equilateral triangles with the mean area of these [m]; zero without triangles.
+    pub(super) fn mean_edge(&self) -> f64 {
+        let mesh = &self.faces.mesh;
+        let each = mesh.area() / mesh.triangles.len().max(1) as f64;
+        (each * 4.0 / 3f64.sqrt()).sqrt()
+    }
+
     /// Sets new positions; the hierarchy keeps its structure and updates its boxes.
     pub fn refit(&mut self, positions: &[Point3<f64>]) {
         self.faces.mesh.vertices.copy_from_slice(positions);

@@ -4,6 +4,8 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::motion_bound::MotionBound;
+use super::rounded::mean_normal;
+use super::vertex_plane::VertexPlane;
 use super::{Obstacle, PosedObstacle, Projection};
 use crate::state::{DecodeError, Reader, State, Value, Writer};
 
@@ -26,6 +28,8 @@ struct Known {
     /// Sum of motion of the muscle at which a distant vertex needs a new query; infinite until the
     /// end of the step of its query, since its own motion is then known exactly.
     wake: f64,
+    /// Direction of the contact plane, if the vertex is near.
+    normal: Vector3<f64>,
 }
 
 impl Known {
@@ -41,27 +45,21 @@ impl Known {
             closest,
             bound,
             wake: motion_bound + bound,
+            normal: closest.normal,
         }
     }
-}
 
-/// A contact plane of a vertex.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct VertexPlane {
-    /// The vertex.
-    pub vertex: u32,
-    /// A point of the plane in the world [m].
-    pub origin: Point3<f64>,
-    /// Normal in the world.
-    pub normal: Vector3<f64>,
-    /// Sum of the corrections along the normal in this step [m].
-    pub push: f64,
-}
-
-impl VertexPlane {
-    /// Height over the plane [m].
-    pub fn height(&self, x: &[Point3<f64>]) -> f64 {
-        (x[self.vertex as usize] - self.origin).dot(&self.normal)
+    /// The same with the direction of the plane, if the vertex is nearer than `near` [m]: the mean over
+    /// `radius` [m].
+    fn with_plane(self, obstacle: &dyn Obstacle, near: f64, radius: f64) -> Self {
+        let Self { from, closest, .. } = self;
+        if closest.distance > near {
+            return self;
+        }
+        Self {
+            normal: mean_normal(obstacle, &from, &closest, radius),
+            ..self
+        }
     }
 }
 
@@ -75,6 +73,8 @@ pub(super) struct VertexContacts {
     /// Contact planes of near vertices, sorted by vertex.
     pub planes: Vec<VertexPlane>,
     thickness: f64,
+    /// Radius over which the direction of a plane is a mean [m].
+    radius: f64,
     /// Number of queries.
     pub lookups: u64,
     /// Number of walks that ended before their target.
@@ -88,7 +88,7 @@ impl VertexContacts {
         placed: &PosedObstacle,
         vertices: &[u32],
         x: &[Point3<f64>],
-        thickness: f64,
+        (thickness, radius): (f64, f64),
         near: Option<&[Option<Projection>]>,
     ) -> Self {
         let inverse = placed.now.inverse();
@@ -98,7 +98,8 @@ impl VertexContacts {
                 let at = inverse * x[v as usize];
                 let found =
                     near.map_or_else(|| placed.obstacle.closest(&at), |near| near[v as usize]);
-                Known::new(found, at, 0.0, thickness)
+                let known = Known::new(found, at, 0.0, thickness);
+                known.with_plane(&*placed.obstacle, NEAR * thickness, radius)
             })
             .collect();
         Self {
@@ -107,6 +108,7 @@ impl VertexContacts {
             looked: Vec::new(),
             planes: Vec::new(),
             thickness,
+            radius,
             lookups: vertices.len() as u64,
             stopped: 0,
         }
@@ -131,6 +133,7 @@ impl VertexContacts {
                     closest,
                     wake,
                     bound,
+                    normal: _,
                 } = &self.known[k as usize];
                 if closest.distance > near && *wake < f64::INFINITY {
                     return *wake <= motion_bound.at_most;
@@ -146,12 +149,15 @@ impl VertexContacts {
         let again = |&k: &u32| {
             let v = this.vertices[k as usize] as usize;
             let [before, at] = [placed.before.inverse() * start[v], inverse * positions[v]];
-            this.look_again(
+            let obstacle = &*placed.obstacle;
+            let (known, moved, stopped) = this.look_again(
                 &this.known[k as usize],
-                &*placed.obstacle,
+                obstacle,
                 [before, at],
                 motion_bound,
-            )
+            );
+            let known = known.with_plane(obstacle, near, this.radius);
+            (known, moved, stopped)
         };
         let found: Vec<(Known, Option<Point3<f64>>, bool)> =
             due.par_iter().with_min_len(32).map(again).collect();
@@ -240,15 +246,24 @@ impl VertexContacts {
 
     fn make_planes(&mut self, pose: &Isometry3<f64>) {
         let near = NEAR * self.thickness;
-        self.planes.clear();
+        // Friction needs the corrections of all sweeps of a step.
+        let before = match self.planes.is_empty() {
+            true => Vec::new(),
+            false => std::mem::take(&mut self.planes),
+        };
+        let mut before = before.iter().peekable();
         for (known, &vertex) in self.known.iter().zip(&self.vertices) {
             if known.closest.distance <= near {
-                let (origin, normal) = (pose * known.closest.point, pose * known.closest.normal);
+                // Where the vertex was looked up the height is its distance, whatever the direction.
+                let foot = known.from - known.normal * known.closest.distance;
+                let (origin, normal) = (pose * foot, pose * known.normal);
+                while before.next_if(|plane| plane.vertex < vertex).is_some() {}
+                let push = before.next_if(|plane| plane.vertex == vertex);
                 self.planes.push(VertexPlane {
                     vertex,
                     origin,
                     normal,
-                    push: 0.0,
+                    push: push.map_or(0.0, |plane| plane.push),
                 });
             }
         }
@@ -279,17 +294,22 @@ impl VertexContacts {
             };
             match known.filter(is_known) {
                 Some(known) if self.thickness == thickness => (*known, false),
-                Some(Known { from, closest, .. }) => {
-                    let since = (at - from).norm();
+                Some(known) => {
+                    let Known { from, closest, .. } = known;
+                    let bound = motion_bound - (at - from).norm();
+                    let next = Known::new(Some(*closest), *from, bound, thickness);
+                    let normal = known.normal;
+                    (Known { normal, ..next }, false)
+                }
+                None => {
+                    let found = placed.obstacle.closest(&at);
+                    let known = Known::new(found, at, motion_bound, thickness);
+                    let obstacle = &*placed.obstacle;
                     (
-                        Known::new(Some(*closest), *from, motion_bound - since, thickness),
-                        false,
+                        known.with_plane(obstacle, NEAR * thickness, self.radius),
+                        true,
                     )
                 }
-                None => (
-                    Known::new(placed.obstacle.closest(&at), at, motion_bound, thickness),
-                    true,
-                ),
             }
         };
         let (known, looked): (Vec<Known>, Vec<bool>) = free.par_iter().map(again).unzip();
@@ -323,7 +343,7 @@ impl VertexContacts {
 }
 
 impl Value for Known {
-    const MIN_BYTES: usize = 24 + (8 + 24 + 24) + 16;
+    const MIN_BYTES: usize = 24 + (8 + 24 + 24) + 16 + 24;
 
     fn encode(&self, to: &mut Writer) {
         let Self {
@@ -336,12 +356,14 @@ impl Value for Known {
                 },
             bound,
             wake,
+            normal: of_plane,
         } = self;
         to.put(from);
         to.put(distance);
         to.put(normal);
         to.put(point);
         to.put(&(*bound, *wake));
+        to.put(of_plane);
     }
 
     fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
@@ -357,32 +379,7 @@ impl Value for Known {
             closest,
             bound,
             wake,
-        })
-    }
-}
-
-impl Value for VertexPlane {
-    const MIN_BYTES: usize = 4 + 24 + 24 + 8;
-
-    fn encode(&self, to: &mut Writer) {
-        let Self {
-            vertex,
-            origin,
-            normal,
-            push,
-        } = self;
-        to.put(vertex);
-        to.put(origin);
-        to.put(normal);
-        to.put(push);
-    }
-
-    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
-        Ok(Self {
-            vertex: from.take()?,
-            origin: from.take()?,
             normal: from.take()?,
-            push: from.take()?,
         })
     }
 }
@@ -395,6 +392,7 @@ impl State for VertexContacts {
             looked,
             planes,
             thickness: _,
+            radius: _,
             lookups,
             stopped,
         } = self;
@@ -511,7 +509,7 @@ mod tests {
             .map(|k| Point3::from(draw.direction() * (0.1 + 1e-4 * f64::from(k))))
             .collect();
         let all: Vec<u32> = (0..400).collect();
-        let contacts = VertexContacts::new(&placed, &all, &x, thickness, None);
+        let contacts = VertexContacts::new(&placed, &all, &x, (thickness, 0.02), None);
         // Up to half of the motion of the nearest vertex before its next query.
         let away = |x: &Point3<f64>| placed.obstacle.closest(x).map_or(f64::MAX, |c| c.distance);
         let moved: Vec<Point3<f64>> = x

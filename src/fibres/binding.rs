@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::contact::{OnTriangle, Surface};
+use crate::mesh::measures::max_or_nan;
 
 /// A point of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,8 +33,8 @@ enum Bound {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoundLines {
     lines: Vec<Vec<Bound>>,
-    /// Greatest distance of a bound point from the undeformed surface [m].
-    pub farthest: f64,
+    /// Greatest distance of a bound point outside the undeformed surface from it [m].
+    pub outside: f64,
 }
 
 fn unit_normal(t: &[Point3<f64>; 3]) -> Vector3<f64> {
@@ -69,17 +70,17 @@ impl BoundLines {
     /// Binds each point of each line to the closest triangle of the surface; a point inside also to
     /// the opposite triangle.
     pub fn new(surface: &Surface, lines: &[Vec<Point3<f64>>]) -> Self {
-        let mut farthest = 0.0_f64;
+        let mut outside = 0.0_f64;
         let mut bind = |p: &Point3<f64>| {
             let on = surface.nearest(p, f64::MAX)?;
-            farthest = farthest.max(on.closest.distance.abs());
+            outside = max_or_nan([outside, on.closest.distance]);
             Some(bind(surface, p, &on))
         };
         let lines = lines
             .iter()
             .map(|line| line.iter().filter_map(&mut bind).collect())
             .collect();
-        Self { lines, farthest }
+        Self { lines, outside }
     }
 
     /// The lines for vertices of the surface at `x` [m].

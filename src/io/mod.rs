@@ -39,6 +39,7 @@ use cursor::Cursor;
 pub use error::{FilePlace, ReadError, ReadProblem};
 use formats::Head;
 pub use formats::{Encoding, FORMATS, Format, writable};
+pub(crate) use part::check_mesh;
 pub use part::write_whole;
 pub use warning::{Warned, Warning, Warnings};
 pub use write::{WriteError, write};

@@ -48,6 +48,11 @@ impl Collection {
         &self.entries
     }
 
+    /// Keeps only the first `count` files.
+    pub fn truncate(&mut self, count: usize) {
+        self.entries.truncate(count);
+    }
+
     /// Writes all entries to `path` through `NAME.part`, so that ParaView never reads an incomplete
     /// file.
     ///

@@ -33,6 +33,12 @@ pub fn write(path: &Path, data: &PolyData<'_>) -> io::Result<()> {
     write_with_cells(path, data, &[])
 }
 
+/// Approximate size of the file of [`write()`] [bytes]: its numbers, without the text around them.
+#[must_use]
+pub fn bytes(data: &PolyData<'_>) -> u64 {
+    Layout::of(data).cell_data
+}
+
 /// The same as [`write()`], with numbers at each polyline and then at each triangle: names and
 /// values, shape `[line_count + triangle_count]`.
 ///

@@ -9,6 +9,7 @@ pub(crate) mod health;
 pub(crate) mod inside;
 pub(crate) mod isosurface;
 pub mod measures;
+pub(crate) mod nesting;
 pub(crate) mod order;
 pub(crate) mod orientation;
 pub(crate) mod overlap;

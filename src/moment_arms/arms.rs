@@ -4,6 +4,10 @@
 use super::curve::{Roughness, extremes, moment_arms, roughness};
 use super::reference::{Comparison, ReferenceCurve, ReferenceError, Table};
 use super::sweep::{CrossingMuscle, SweepRun};
+use crate::mesh::measures::max_or_nan;
+
+/// Straight lines are the path of a muscle where no bone blocks this share of them.
+const CLEAR: f64 = 0.9;
 
 /// Moment arms of a muscle.
 #[derive(Clone, Debug)]
@@ -23,6 +27,8 @@ pub struct Arms {
     /// Moment arm of straight lines between the ends of the fibres at each angle [m], mean over the
     /// fibres. The difference to `mean` is the effect of the muscle's curvature.
     pub straight: Vec<f64>,
+    /// Share of these lines that no bone blocks, at each angle.
+    pub clear: Vec<f64>,
     /// Roughness of the muscle's moment arm without smoothing.
     pub roughness: Option<Roughness>,
     /// Roughness of the muscle's length.
@@ -59,6 +65,7 @@ impl Arms {
             roughness: roughness(&moment_arms(&length, running.step, 0)),
             length_roughness: roughness(&length),
             straight: moment_arms(&muscle.chords, running.step, around),
+            clear: muscle.clear.clone(),
             straight_overlaps: Vec::new(),
             lengths,
             fibres,
@@ -84,6 +91,18 @@ impl Arms {
             }
         }
         Ok(())
+    }
+
+    /// Greatest difference of the moment arm from that of straight lines, at angles at which no bone
+    /// blocks nine of ten of them, relative to the greatest moment arm of such lines. `None` where
+    /// bones block them at each angle, or none has a moment arm.
+    pub fn off_straight(&self) -> Option<f64> {
+        let is_clear = |k: &usize| self.clear[*k] >= CLEAR;
+        let at = (0..self.mean.len()).filter(is_clear);
+        let [least, most] = extremes(at.clone().map(|k| self.straight[k]))?;
+        let greatest = max_or_nan([-least, most]);
+        let off = max_or_nan(at.map(|k| (self.mean[k] - self.straight[k]).abs()));
+        (greatest > 0.0).then_some(off / greatest)
     }
 
     /// Least and greatest moment arm of a fibre at angle `k` [m].

@@ -8,6 +8,7 @@
 //! tables.
 
 pub(crate) mod arms;
+mod chords;
 pub(crate) mod curve;
 pub(crate) mod names;
 pub(crate) mod reference;

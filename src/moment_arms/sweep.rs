@@ -1,12 +1,14 @@
 //! A sweep: a joint turns through a range of angles, and the muscles over it and their fibres
 //! follow.
 
+mod motion;
 mod scenario;
 
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
+use super::chords;
 use crate::contact::smooth::SmoothDistance;
 use crate::contact::{Obstacle, PosedObstacle};
 use crate::fibres::attachment::{AreaSource, Attachment, AttachmentError};
@@ -16,7 +18,7 @@ use crate::fibres::polyline::length;
 use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::max_or_nan;
-use crate::scene::{AreaSpec, Joint, Key, Minimisation, Motion, Scene, Solver};
+use crate::scene::{AreaSpec, Joint, Minimisation, Scene, Solver};
 use crate::simulation::Stepper;
 use crate::simulation::joint_weights::{Distances, distances, joint_weights};
 use crate::simulation::tracked::{self, Tracked, TrackedParts};
@@ -24,6 +26,7 @@ use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
 use crate::solvers::descent::DescentSettings;
 use crate::solvers::sparse::FactorError;
+use motion::{joint, prepare};
 
 /// Greatest number of angles of a sweep.
 pub const MOST_VALUES: usize = 10_000;
@@ -152,6 +155,8 @@ pub struct CrossingMuscle {
     pub lengths: Vec<Vec<f64>>,
     /// Mean over the fibres of the distance between their ends, at each angle [m].
     pub chords: Vec<f64>,
+    /// Share of the straight lines between the ends of fibres that no bone blocks, at each angle.
+    pub clear: Vec<f64>,
     /// Number of inner fibre points deeper than [`audit::DEPTH`] in a bone, over all angles.
     pub points_in_bone: usize,
     /// Greatest depth of such a point [m].
@@ -341,10 +346,10 @@ impl SweepRun {
             muscle
                 .lengths
                 .push(muscle.now.iter().map(|f| length(f)).collect());
-            let chords = muscle.now.iter().map(|f| (f[f.len() - 1] - f[0]).norm());
-            muscle
-                .chords
-                .push(chords.sum::<f64>() / muscle.now.len() as f64);
+            muscle.chords.push(chords::mean_length(&muscle.now));
+            let bones = (0..simulation.bones.len())
+                .map(|b| (simulation.surface(b), simulation.pose(b, frame)));
+            muscle.clear.push(chords::share_clear(&muscle.now, bones));
             let between = muscle.now.iter().flat_map(|f| &f[1..f.len() - 1]).copied();
             let inside = audit::examine(&between.collect::<Vec<_>>(), &[], &|_| true, &posed);
             muscle.points_in_bone += inside.vertices_inside;
@@ -390,91 +395,6 @@ fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
     Ok((0..=count)
         .map(|k| from + (to - from) * (k as f64 / count as f64))
         .collect())
-}
-
-/// The joint of that name or of a bone of that name, and which bones turn about it.
-fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError> {
-    let joints = scene.bones.iter().map(|b| b.motion.joint.as_ref());
-    let named = joints
-        .clone()
-        .flatten()
-        .find(|j| j.name.as_deref() == Some(name));
-    if let Some(found) = named {
-        let turning = joints
-            .map(|j| j.is_some_and(|j| j.name.as_deref() == Some(name)))
-            .collect();
-        return Ok((found.clone(), turning));
-    }
-    let of_bone = scene
-        .bones
-        .iter()
-        .position(|b| b.name == name && b.motion.joint.is_some());
-    if let Some((b, found)) = of_bone.and_then(|b| Some((b, scene.bones[b].motion.joint.clone()?)))
-    {
-        return Ok((found, (0..scene.bones.len()).map(|k| k == b).collect()));
-    }
-    let mut known: Vec<String> = Vec::new();
-    for bone in &scene.bones {
-        if let Some(joint) = &bone.motion.joint {
-            let text = joint.name.as_ref().unwrap_or(&bone.name);
-            if !known.contains(text) {
-                known.push(text.clone());
-            }
-        }
-    }
-    let known = match known.is_empty() {
-        true => "no bone has a motion with `centre` and `axis`, which make a joint".to_owned(),
-        false => format!("known: {}", known.join(", ")),
-    };
-    Err(SweepError::NoJoint {
-        name: name.to_owned(),
-        known,
-    })
-}
-
-/// Writes the sweep into the motions of the scene. Returns the frame of the first value.
-fn prepare(
-    scene: &mut Scene,
-    turning: &[bool],
-    joint: &Joint,
-    angles: &[f64],
-    step: f64,
-    frames: usize,
-) -> usize {
-    let mut keys = vec![Key {
-        frame: 0.0,
-        pose: Isometry3::identity(),
-    }];
-    let mut frame = 0usize;
-    let from = angles[0];
-    if from != 0.0 {
-        let count = (from.abs() / step).ceil().max(1.0);
-        for k in 1..=count as usize {
-            frame += frames;
-            keys.push(Key {
-                frame: frame as f64,
-                pose: joint.pose(from * k as f64 / count),
-            });
-        }
-    }
-    let first = frame;
-    for &angle in &angles[1..] {
-        frame += frames;
-        keys.push(Key {
-            frame: frame as f64,
-            pose: joint.pose(angle),
-        });
-    }
-    for (bone, turns) in scene.bones.iter_mut().zip(turning) {
-        let keys = if *turns { keys.clone() } else { Vec::new() };
-        bone.motion = Motion {
-            keys,
-            joint: bone.motion.joint.take(),
-            linear: true,
-        };
-    }
-    scene.frames = frame;
-    first
 }
 
 /// Attaches muscles by the whole of the patches that a scene names. Limits of a scene leave enough
@@ -592,6 +512,7 @@ fn cross(
         quality,
         lengths: Vec::new(),
         chords: Vec::new(),
+        clear: Vec::new(),
         points_in_bone: 0,
         depth: 0.0,
         vertex_depth: 0.0,

@@ -110,9 +110,9 @@ pub fn load_with(
 ) -> Result<Scene, SceneError> {
     let Written { text, name, folder } = find(name_or_path)?;
     let surroundings = Surroundings {
-        folder: &folder,
         variable: &variables,
         overrides,
+        ..Surroundings::of(&folder)
     };
     parse_with(&text, &name, &surroundings)
 }
@@ -141,9 +141,9 @@ pub fn load_content_with(
 ) -> Result<Content, SceneError> {
     let Written { text, name, folder } = find(name_or_path)?;
     let surroundings = Surroundings {
-        folder: &folder,
         variable: &variables,
         overrides,
+        ..Surroundings::of(&folder)
     };
     parse_content(&text, &name, &surroundings)
 }

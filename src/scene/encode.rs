@@ -8,11 +8,10 @@ use super::content::{
 use super::effects::{EFFECTS, material_constants};
 use super::keys::KeyValue;
 use super::{
-    Accuracy, AreaSpec, AttachmentSpec, Bonding, BoneSpec, Capsule, Displacement, Effects,
-    Interface, Joint, Key, Limits, Mass, Material, Motion, Muscle, ScaleForce, Scene, Solver,
-    Source,
+    Accuracy, AreaSpec, AtVertices, AttachmentSpec, Bonding, BoneSpec, Capsule, Effects, Interface,
+    Joint, Key, Limits, Mass, Material, Motion, Muscle, Scene, Solver, Source,
 };
-use crate::encode::{Encode, Encoder};
+use crate::encode::{Encode, Encoder, hash_of};
 use crate::mesh::repair;
 use crate::skin::implant::Implant;
 use crate::skin::layers::Tissue;
@@ -118,6 +117,11 @@ impl Encode for Source {
                 to.field("scale", scale);
             }
             Self::Shape(name) => to.field("shape", name),
+            Self::Given { mesh, scale, .. } => {
+                let hash = hash_of(&(&mesh.vertices, &mesh.triangles));
+                to.field("mesh", &format!("{hash:032x}"));
+                to.field("scale", scale);
+            }
         }
     }
 }
@@ -273,19 +277,11 @@ impl Encode for AttachmentSpec {
     }
 }
 
-impl Encode for ScaleForce {
+impl Encode for AtVertices {
     fn encode(&self, to: &mut Encoder<'_>) {
-        let Self { vertices, force } = self;
+        let Self { vertices, vector } = self;
         to.field("vertices", vertices);
-        to.field("force", force);
-    }
-}
-
-impl Encode for Displacement {
-    fn encode(&self, to: &mut Encoder<'_>) {
-        let Self { vertices, by } = self;
-        to.field("vertices", vertices);
-        to.field("by", by);
+        to.field("vector", vector);
     }
 }
 
@@ -495,3 +491,6 @@ impl Encode for RestCourse {
         to.field("tolerance", tolerance);
     }
 }
+
+#[cfg(test)]
+mod tests;

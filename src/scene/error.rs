@@ -281,6 +281,34 @@ struct Placed {
     span: Span,
     /// Line and column, both from 1; `None` if the text is no file (an override, a name).
     place: Option<(usize, usize)>,
+    /// Errors of other parts of the scene.
+    others: Vec<SceneError>,
+}
+
+/// The errors of the parts of a scene, so that all are reported at once.
+#[derive(Debug, Default)]
+pub(super) struct Gathered(Vec<SceneError>);
+
+impl Gathered {
+    /// The value of a part; `None` if it has an error, which is kept.
+    pub fn keep<T>(&mut self, part: Result<T, SceneError>) -> Option<T> {
+        part.map_err(|error| self.0.push(error)).ok()
+    }
+
+    /// Number of errors so far.
+    pub fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// All errors as one.
+    pub fn end(&mut self) -> Result<(), SceneError> {
+        let mut all = std::mem::take(&mut self.0).into_iter();
+        let Some(mut first) = all.next() else {
+            return Ok(());
+        };
+        first.0.others.extend(all);
+        Err(first)
+    }
 }
 
 impl SceneError {
@@ -303,18 +331,20 @@ impl SceneError {
             source,
             span,
             place,
+            others: Vec::new(),
         }))
     }
 
     /// An error of a name or a path outside any file.
     pub(super) fn of_name(problem: SceneProblem, name: &str) -> Self {
-        let source = (Arc::from("SCENE"), Arc::from(name));
+        let source = (Arc::from(name), Arc::from(name));
         Self(Box::new(Placed {
             problem,
             key: String::new(),
             source,
             span: 0..name.len(),
             place: None,
+            others: Vec::new(),
         }))
     }
 
@@ -327,7 +357,15 @@ impl SceneError {
             source,
             span: 0..0,
             place: None,
+            others: Vec::new(),
         }))
+    }
+
+    /// This error, and those of other parts of the scene.
+    #[must_use]
+    pub fn each(&self) -> Vec<&Self> {
+        let others = self.0.others.iter().flat_map(Self::each);
+        std::iter::once(self).chain(others).collect()
     }
 
     /// The problem.
@@ -349,7 +387,7 @@ impl SceneError {
         self.0.place
     }
 
-    /// Name of the text with the problem: a path, an override, or `SCENE`.
+    /// Name of the text with the problem: a path, a name, or an override.
     #[must_use]
     pub fn source_name(&self) -> &str {
         &self.0.source.0

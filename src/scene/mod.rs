@@ -4,6 +4,7 @@
 //! [`mod@parse`] documents the TOML layout, [`overrides`] the changes from the command line.
 //! [`builtin`] contains the built-in scenes.
 
+mod builder;
 pub mod builtin;
 pub(crate) mod content;
 pub(crate) mod effects;
@@ -31,6 +32,7 @@ mod tree;
 mod twist;
 pub mod units;
 
+pub use builder::SceneBuilder;
 pub use content::OF_MUSCLES;
 pub use content::{
     FillCourse, ImplantFill, LatticeScene, Measure, RestCourse, SkinScene, SkinSurface,
@@ -56,11 +58,20 @@ pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
 pub use solvers::{Minimisation, Pbd, Solver, SolverQuestion, SolverSpec, Xpbd};
 pub use study::StudyFile;
+
+/// Every key of a scene, by its kind: the name of the kind, and a scene with a remark beside each key.
+pub const LAYOUTS: [(&str, &str); 4] = [
+    ("muscles", include_str!("layout.toml")),
+    ("skin", include_str!("layout-skin.toml")),
+    ("lattice", include_str!("layout-lattice.toml")),
+    ("geometric muscle", include_str!("layout-geometric.toml")),
+];
 pub(crate) use twist::smooth_step;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use crate::mesh::repair;
+use crate::mesh::{TriangleMesh, repair};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 /// Greatest share of a muscle's vertices that a simulated scene may fix: with more, little is left
@@ -132,6 +143,15 @@ pub enum Source {
     },
     /// A generated shape, by its name in [`SHAPES`].
     Shape(String),
+    /// A mesh from memory.
+    Given {
+        /// The name that stands in the scene.
+        name: String,
+        /// Its vertices and triangles.
+        mesh: Arc<TriangleMesh>,
+        /// Length of the mesh's unit \[m\].
+        scale: f64,
+    },
 }
 
 /// A rigid body with a prescribed motion.
@@ -221,9 +241,9 @@ pub struct Muscle {
     /// between two frames, and constant before the first and after the last one.
     pub activation: Vec<(f64, f64)>,
     /// Constant forces on chosen vertices.
-    pub forces: Vec<ScaleForce>,
+    pub forces: Vec<AtVertices>,
     /// Displacement of chosen vertices at the start.
-    pub displacements: Vec<Displacement>,
+    pub displacements: Vec<AtVertices>,
 }
 
 /// An attachment of a muscle to a bone.
@@ -255,20 +275,11 @@ pub enum AreaSpec {
     Vertices(Vec<u32>),
 }
 
-/// A constant force on each vertex of a list.
+/// A vector at each vertex of a list.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ScaleForce {
-    /// Vertex indices.
+pub struct AtVertices {
+    /// Vertex indices, in the order of the file.
     pub vertices: Vec<u32>,
-    /// Force on each vertex \[N\].
-    pub force: Vector3<f64>,
-}
-
-/// A displacement of each vertex of a list at the start.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Displacement {
-    /// Vertex indices.
-    pub vertices: Vec<u32>,
-    /// Displacement \[m\].
-    pub by: Vector3<f64>,
+    /// Force \[N\] or displacement \[m\] of each vertex.
+    pub vector: Vector3<f64>,
 }

@@ -15,14 +15,15 @@
 //! Or a geometric muscle:
 #![doc = concat!("```toml\n", include_str!("layout-geometric.toml"), "```")]
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ffi::OsString;
 use std::path::Path;
+use std::sync::Arc;
 
 use nalgebra::Point3;
 
 use super::content::{KINDS, KindSpec};
-use super::error::{SceneError, SceneProblem};
+use super::error::{Gathered, SceneError, SceneProblem};
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
 use super::spelling::{listed, nearest, shown};
@@ -32,6 +33,8 @@ use super::{
     BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, interface, limits, motion, overrides,
     parse_effects, parse_muscle, paths,
 };
+use crate::io::check_mesh;
+use crate::mesh::TriangleMesh;
 use crate::mesh::repair::{LONGEST_RIM, RepairOptions};
 use crate::mesh::shapes;
 
@@ -47,16 +50,21 @@ pub struct Surroundings<'a> {
     pub variable: &'a dyn Fn(&str) -> Option<OsString>,
     /// Overrides `path.key=value`, applied in order before the checks.
     pub overrides: &'a [String],
+    /// Meshes that stand in place of files, by the path that the scene names.
+    pub meshes: &'a BTreeMap<String, Arc<TriangleMesh>>,
 }
 
+static NO_MESHES: BTreeMap<String, Arc<TriangleMesh>> = BTreeMap::new();
+
 impl<'a> Surroundings<'a> {
-    /// A folder, no variables, no overrides.
+    /// A folder, no variables, no overrides, no meshes.
     #[must_use]
     pub fn of(folder: &'a Path) -> Self {
         Self {
             folder,
             variable: &paths::no_variables,
             overrides: &[],
+            meshes: &NO_MESHES,
         }
     }
 }
@@ -174,59 +182,91 @@ fn no_muscle() -> SceneProblem {
     SceneProblem::missing("muscle", "a section [[muscle]]")
 }
 
+/// Reads a scene of muscles. Each part that is wrong gives an error; all are reported at once.
 pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
-    let frames = root.need("frames", "300")?.whole(1, 10_000_000)?;
-    let frame_rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive)?;
+    let mut all = Gathered::default();
+    let frames = all.keep(frames(root));
+    let rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive);
+    let rate = all.keep(rate);
     let mut taken = HashSet::new();
-    let bones = bones(root, &mut taken)?;
+    let bones = bones(root, &mut taken, &mut all);
+    if bones.len() < root.each_section("bone").len() {
+        // Without the name of a bone, what names it would be wrong as well.
+        all.end()?;
+    }
     let known = KnownBones::of(&bones);
-    let capsules = capsules(root, &known, &mut taken)?;
+    let capsules = all.keep(capsules(root, &known, &mut taken));
+    let before = all.count();
     let (mut muscles, mut taken) = (Vec::new(), HashSet::new());
-    for section in root.sections("muscle")? {
-        let name = unique_name(&section, &mut taken)?;
-        muscles.push(parse_muscle::muscle(&section, name, &known)?);
+    for section in root.each_section("muscle") {
+        let mut read = |section: Section<'_>| {
+            let name = unique_name(&section, &mut taken)?;
+            parse_muscle::muscle(&section, name, &known)
+        };
+        muscles.extend(all.keep(section.and_then(&mut read)));
     }
-    if muscles.is_empty() {
-        return root.fail(no_muscle());
+    let are_whole = all.count() == before;
+    if muscles.is_empty() && are_whole {
+        all.keep::<()>(root.fail(no_muscle()));
     }
+    // Interfaces name muscles: where one is missing, an error may only follow from that.
+    let interfaces = are_whole.then(|| all.keep(interface::interfaces(root, &muscles)));
+    let effects = all.keep(parse_effects::effects(root));
+    let solver = all.keep(parse_effects::solver(root));
+    let adapts_steps = all.keep(parse_effects::adapts_steps(root));
+    let accuracy = root
+        .get("accuracy")
+        .map(|item| parse_effects::accuracy(&item));
+    let accuracy = all.keep(accuracy.transpose());
+    let limits = all.keep(limits::limits(root));
+    all.end()?;
     Ok(Scene {
         most_held: super::MOST_HELD,
         name,
-        frames: usize::try_from(frames).unwrap_or(usize::MAX),
-        frame_rate,
+        frames: frames.unwrap_or_default(),
+        frame_rate: rate.unwrap_or_default(),
         bones,
-        capsules,
-        interfaces: interface::interfaces(root, &muscles)?,
+        capsules: capsules.unwrap_or_default(),
+        interfaces: interfaces.flatten().unwrap_or_default(),
         muscles,
-        effects: parse_effects::effects(root)?,
-        solver: parse_effects::solver(root)?,
-        adapts_steps: parse_effects::adapts_steps(root)?,
-        accuracy: root
-            .get("accuracy")
-            .map(|item| parse_effects::accuracy(&item))
-            .transpose()?,
-        limits: limits::limits(root)?,
+        effects: effects.unwrap_or_default(),
+        solver: solver.unwrap_or_default(),
+        adapts_steps: adapts_steps.unwrap_or_default(),
+        accuracy: accuracy.flatten(),
+        limits: limits.unwrap_or_default(),
         origin: SceneOrigin::default(),
     })
 }
 
-fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<BoneSpec>, SceneError> {
+fn frames(root: &Section<'_>) -> Result<usize, SceneError> {
+    let frames = root.need("frames", "300")?.whole(1, 10_000_000)?;
+    Ok(usize::try_from(frames).unwrap_or(usize::MAX))
+}
+
+/// Reads the bones. A bone with an error keeps its name, so that muscles can name it.
+fn bones(root: &Section<'_>, taken: &mut HashSet<String>, all: &mut Gathered) -> Vec<BoneSpec> {
     let mut bones = Vec::new();
-    for section in root.sections("bone")? {
-        let name = unique_name(&section, taken)?;
-        let (surface, repair) = (surface(&section)?, repair(&section)?);
-        let motion = match section.section("motion")? {
-            Some(section) => motion::read(&section)?,
-            None => super::Motion::default(),
+    for section in root.each_section("bone") {
+        let Some(section) = all.keep(section) else {
+            continue;
         };
+        let Some(name) = all.keep(unique_name(&section, taken)) else {
+            continue;
+        };
+        let (surface, repair) = (all.keep(surface(&section)), all.keep(repair(&section)));
+        let motion = section.section("motion").and_then(|of| match of {
+            Some(section) => motion::read(&section),
+            None => Ok(super::Motion::default()),
+        });
+        let motion = all.keep(motion);
         bones.push(BoneSpec {
             name,
-            surface,
-            repair,
-            motion,
+            surface: surface.unwrap_or_else(|| Source::Shape(String::new())),
+            repair: repair.flatten(),
+            motion: motion.unwrap_or_default(),
         });
     }
-    Ok(bones)
+    bones
 }
 
 /// Capsules and bones have unique names in common: both are obstacles, and reports show them alike.
@@ -385,8 +425,32 @@ pub(super) fn file_at(
     let name = unit.text("mm")?;
     let scale = units::scale(name, Dimension::Length).map_err(|e| unit.error(e.into()))?;
     let around = item.context.surroundings;
+    if let Some(mesh) = around.meshes.get(text) {
+        return given(text, mesh, scale, item);
+    }
     let path = paths::resolve(text, around.folder, around.variable).map_err(|p| item.error(p))?;
     Ok(Source::File { path, scale })
+}
+
+/// A mesh in place of a file; a reader of files would reject the same faults.
+fn given(
+    name: &str,
+    mesh: &Arc<TriangleMesh>,
+    scale: f64,
+    item: &Item<'_>,
+) -> Result<Source, SceneError> {
+    if let Err(fault) = check_mesh(mesh, &[]) {
+        let found = format!("the mesh {}", shown(name));
+        return item.fail(SceneProblem::out_of_range(
+            &found,
+            &format!("a sound mesh: {fault}"),
+        ));
+    }
+    Ok(Source::Given {
+        name: name.to_owned(),
+        mesh: mesh.clone(),
+        scale,
+    })
 }
 
 /// A generated shape.

@@ -2,7 +2,7 @@
 
 use super::Accuracy;
 use super::effects::{EFFECTS, Effects};
-use super::error::SceneError;
+use super::error::{Gathered, SceneError, SceneProblem};
 use super::keys;
 use super::parse_muscle;
 use super::reader::{Item, Limit, Section};
@@ -15,11 +15,15 @@ pub(super) fn effects(root: &Section<'_>) -> Result<Effects, SceneError> {
     let Some(section) = root.section("effects")? else {
         return Ok(effects);
     };
+    let mut all = Gathered::default();
     for spec in &EFFECTS {
-        if let Some(section) = section.section(spec.key)? {
-            spec.set(&mut effects, &keys::read(spec.keys, &section)?);
+        let found = section.section(spec.key);
+        let values = found.and_then(|found| found.map(|s| keys::read(spec.keys, &s)).transpose());
+        if let Some(values) = all.keep(values).flatten() {
+            spec.set(&mut effects, &values);
         }
     }
+    all.end()?;
     Ok(effects)
 }
 
@@ -63,6 +67,14 @@ fn settings(spec: &SolverSpec, section: &Section<'_>) -> Result<Solver, SceneErr
 
 /// Reads a requested accuracy: a length, or a share of the muscle's length.
 pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
+    let number = item.text("1 %")?.trim().parse::<f64>().ok();
+    if let Some(number) = number.filter(|n| n.is_finite()) {
+        return item.fail(SceneProblem::UnitsRequired {
+            found: format!("`{number}`"),
+            example: format!("\"{number} %\" of a muscle's length, or \"{number} mm\""),
+            dimension: Dimension::Length,
+        });
+    }
     if item.text("1 %")?.trim_end().ends_with('%') {
         return Ok(Accuracy::Share(parse_muscle::share(item)?));
     }

@@ -7,7 +7,7 @@ use super::parse::{KnownBones, file, file_at, repair, shape, surface};
 use super::reader::{Item, Limit, Section};
 use super::tree::Value;
 use super::units::Dimension;
-use super::{AreaSpec, AttachmentSpec, Displacement, Mass, Material, Muscle, ScaleForce, Source};
+use super::{AreaSpec, AtVertices, AttachmentSpec, Mass, Material, Muscle, Source};
 use crate::mesh::shapes;
 
 /// Default share of the vertices that an attachment may contain.
@@ -62,18 +62,18 @@ pub(super) fn muscle(
     let mut forces = Vec::new();
     for section in section.sections("force")? {
         let vertices = section.need("vertices", "[0]")?.vertices()?;
-        let force = section
+        let vector = section
             .need("force", "[\"0 N\", \"-10 N\", \"0 N\"]")?
             .vector(Dimension::Force)?;
-        forces.push(ScaleForce { vertices, force });
+        forces.push(AtVertices { vertices, vector });
     }
     let mut displacements = Vec::new();
     for section in section.sections("displace")? {
         let vertices = section.need("vertices", "[0]")?.vertices()?;
-        let by = section
+        let vector = section
             .need("by", "[\"1 mm\", \"0 mm\", \"0 mm\"]")?
             .vector(Dimension::Length)?;
-        displacements.push(Displacement { vertices, by });
+        displacements.push(AtVertices { vertices, vector });
     }
     let by_index = attachments
         .iter()

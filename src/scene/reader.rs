@@ -2,7 +2,7 @@
 
 use nalgebra::{Unit, Vector3};
 
-use super::error::{SceneError, SceneProblem};
+use super::error::{Gathered, SceneError, SceneProblem};
 pub(super) use super::keys::Limit;
 use super::parse::Surroundings;
 use super::schema::{Kind, Schema};
@@ -261,17 +261,13 @@ impl<'a> Item<'a> {
             span: self.node.span.clone(),
             key: self.key.clone(),
         };
-        for entry in &table.entries {
-            if schema.get(&entry.key).is_none() {
-                let problem = unknown_key(&entry.key, schema);
-                return Err(SceneError::new(
-                    problem,
-                    &self.key,
-                    &entry.span,
-                    self.context.sources,
-                ));
-            }
+        let mut all = Gathered::default();
+        let known = |entry: &&Entry| schema.get(&entry.key).is_some();
+        for entry in table.entries.iter().filter(|entry| !known(entry)) {
+            let (problem, of) = (unknown_key(&entry.key, schema), self.context.sources);
+            all.keep::<()>(Err(SceneError::new(problem, &self.key, &entry.span, of)));
         }
+        all.end()?;
         Ok(section)
     }
 }
@@ -351,15 +347,20 @@ impl<'a> Section<'a> {
 
     /// The sections of a list `[[key]]`, none if it is absent.
     pub(super) fn sections(&self, key: &str) -> Read<Vec<Section<'a>>> {
+        self.each_section(key).into_iter().collect()
+    }
+
+    /// The same as [`Self::sections`], each with its own error.
+    pub(super) fn each_section(&self, key: &str) -> Vec<Read<Section<'a>>> {
         match (self.get(key), self.schema.get(key)) {
             (Some(item), Some(Kind::List(schema))) => {
                 let expected = format!("a list of sections [[{}]]", self.below(key));
-                item.list(&expected)?
-                    .iter()
-                    .map(|i| i.section(schema))
-                    .collect()
+                match item.list(&expected) {
+                    Ok(items) => items.iter().map(|i| i.section(schema)).collect(),
+                    Err(error) => vec![Err(error)],
+                }
             }
-            _ => Ok(Vec::new()),
+            _ => Vec::new(),
         }
     }
 

@@ -253,9 +253,9 @@ impl StudyFile {
         overrides.extend(changes.iter().map(|c| c.text()));
         let Written { text, name, folder } = &self.written;
         let surroundings = Surroundings {
-            folder,
             variable: &self.variables,
             overrides: &overrides,
+            ..Surroundings::of(folder)
         };
         parse_content(text, name, &surroundings)
     }

@@ -230,7 +230,7 @@ impl Dimension {
             Self::Length => "0.5 mm",
             Self::Area => "30 cm2",
             Self::Volume => "100 cc",
-            Self::Angle => "1 rad",
+            Self::Angle => "30 deg",
             Self::Time => "10 ms",
             Self::Rate => "5 1/s",
             Self::Mass => "1 kg",
@@ -319,9 +319,11 @@ impl UnitError {
     pub fn help(&self) -> String {
         match self {
             Self::Bare { number, dimension } => {
-                let first = dimension.units()[0].names[0].replace('*', " ");
+                // A length of a scene is rather in mm than in m: the unit of the example.
+                let example = dimension.example();
+                let unit = example.split_once(' ').map_or(example, |(_, unit)| unit);
                 format!(
-                    "write \"{number} {first}\"; known units of {dimension}: {}",
+                    "write \"{number} {unit}\"; known units of {dimension}: {}",
                     dimension.known()
                 )
             }
@@ -547,7 +549,7 @@ mod tests {
                 "0.5",
                 Dimension::Length,
                 "`0.5` has no unit",
-                "write \"0.5 m\"; known units of length: m, dm, cm, mm, um, km, in",
+                "write \"0.5 mm\"; known units of length: m, dm, cm, mm, um, km, in",
             ),
             (
                 "0.5 furlong",

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::fault::{Fault, LoadError};
+use super::fault::{Fault, LoadError, all_of, both};
 use super::ready::Ready;
 use crate::io::{self, MeshFile};
 use crate::mesh::topology::Topology;
-use crate::mesh::{TriangleMesh, refine, repair, shapes};
+use crate::mesh::{TriangleMesh, nesting, refine, repair, shapes};
 use crate::scene::{AreaSpec, Scene, Source};
 
 /// A muscle as read from its source.
@@ -44,27 +44,32 @@ pub(super) fn name_of(source: &Source) -> String {
     match source {
         Source::File { path, .. } => path.display().to_string(),
         Source::Shape(name) => format!("shape {name}"),
+        Source::Given { name, .. } => name.clone(),
     }
 }
 
 pub(super) fn read_scaled(source: &Source) -> Result<MeshFile, LoadError> {
     match source {
-        Source::File { path, scale } => {
-            let mut file = io::read(path).map_err(Box::new)?;
-            file.mesh
-                .vertices
-                .iter_mut()
-                .for_each(|v| v.coords *= *scale);
-            Ok(file)
-        }
+        Source::File { path, scale } => Ok(scaled(io::read(path).map_err(Box::new)?, *scale)),
+        Source::Given { mesh, scale, .. } => Ok(scaled(of_mesh(TriangleMesh::clone(mesh)), *scale)),
         Source::Shape(name) => {
             let mesh = shapes::make(name).map(|s| s.mesh).unwrap_or_default();
-            Ok(MeshFile {
-                mesh,
-                ..MeshFile::default()
-            })
+            Ok(of_mesh(mesh))
         }
     }
+}
+
+fn of_mesh(mesh: TriangleMesh) -> MeshFile {
+    MeshFile {
+        mesh,
+        ..MeshFile::default()
+    }
+}
+
+fn scaled(mut file: MeshFile, scale: f64) -> MeshFile {
+    let vertices = file.mesh.vertices.iter_mut();
+    vertices.for_each(|v| v.coords *= scale);
+    file
 }
 
 /// A mesh that must have triangles. `key` is the section of the mesh, `from` the key of its file.
@@ -125,7 +130,7 @@ pub(super) fn mended(
 /// The key of a mesh.
 pub(super) fn named_at(source: &Source, key: &str, from: &str) -> String {
     match source {
-        Source::File { .. } => format!("{key}.{from}"),
+        Source::File { .. } | Source::Given { .. } => format!("{key}.{from}"),
         Source::Shape(_) => format!("{key}.shape"),
     }
 }
@@ -134,7 +139,7 @@ impl Assets {
     /// Reads all meshes of `scene`.
     ///
     /// # Errors
-    /// A file that cannot be read, or that lacks something the scene needs.
+    /// Every file that cannot be read, or that lacks something the scene needs.
     pub fn load(scene: &Scene) -> Result<Self, LoadError> {
         let bones = || {
             (0..scene.bones.len())
@@ -149,12 +154,10 @@ impl Assets {
                 .collect::<Vec<_>>()
         };
         let (muscles, bones) = rayon::join(muscles, bones);
-        // Of several errors the first in scene order is reported, independent of timing.
-        let bones: Vec<(TriangleMesh, Vec<String>)> =
-            bones.into_iter().collect::<Result<_, _>>()?;
-        let muscles = muscles.into_iter().collect::<Result<Vec<_>, _>>()?;
-        let patches = (0..scene.muscles.len()).map(|m| load_patches(scene, m));
-        let patches: Vec<Vec<Option<TriangleMesh>>> = patches.collect::<Result<_, _>>()?;
+        let patches = all_of((0..scene.muscles.len()).map(|m| load_patches(scene, m)));
+        // In the order of the scene, independent of timing.
+        let meshes = both(all_of(bones), all_of(muscles));
+        let ((bones, muscles), patches) = both(meshes, patches)?;
         let (bones, bone_notes): (Vec<_>, Vec<_>) = bones.into_iter().unzip();
         let surfaces = bones.len() + patches.iter().flatten().flatten().count();
         let ready = Arc::new(Ready::new(muscles.len(), scene.capsules.len(), surfaces));
@@ -210,10 +213,11 @@ fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), Loa
 
 fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
     let areas = scene.muscles[m].attachments.iter().map(|a| &a.area);
-    areas
-        .enumerate()
-        .map(|(a, area)| load_patch(scene, m, a, area))
-        .collect()
+    all_of(
+        areas
+            .enumerate()
+            .map(|(a, area)| load_patch(scene, m, a, area)),
+    )
 }
 
 /// The patch of area `a` of muscle `m`; `None` for an area without a patch.
@@ -346,6 +350,12 @@ fn check_closed(mesh: &TriangleMesh, topology: &Topology) -> Result<(), Fault> {
             count: edges.len(),
             triangles: [triangles[0], triangles[1]],
         });
+    }
+    // Each piece on its own: volumes of two of them can cancel.
+    let inward = nesting::inward(&mesh.vertices, &mesh.triangles, topology);
+    if let Some(piece) = inward.first() {
+        let volume = piece.volume;
+        return Err(Fault::InsideOut { volume });
     }
     match mesh.volume() {
         volume if volume > 0.0 => Ok(()),

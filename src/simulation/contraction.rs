@@ -348,9 +348,7 @@ mod tests {
             plate("high", 0.0551, 0.0501),
         );
         let around = Surroundings {
-            folder: &scratch,
-            variable: &|_| None,
-            overrides: &[],
+            ..Surroundings::of(&scratch)
         };
         let scene = parse_with(&text, "tone.toml", &around).map_err(|e| e.terse())?;
         Simulation::new(scene).map_err(|e| e.to_string())

@@ -83,6 +83,18 @@ pub enum Fault {
         /// Distance of the nearest vertex [mm].
         nearest_mm: f64,
     },
+    /// E072: vertices are near, but the limit of an attachment is below one vertex.
+    #[error(
+        "{near} of {count} vertices are near enough, but {percent} % of {count} is less than one vertex"
+    )]
+    LimitedToNothing {
+        /// Number of vertices within the distance.
+        near: usize,
+        /// Number of vertices of the muscle.
+        count: usize,
+        /// The limit, as a share of the vertices [%].
+        percent: f64,
+    },
     /// E073: too many vertices of a muscle are attached.
     #[error("{held} of {count} vertices are held, more than 10 %")]
     TooManyAttached {
@@ -154,7 +166,7 @@ impl Fault {
             Self::NoLines { .. } => "E047",
             Self::Refine { .. } => "E070",
             Self::NoSuchComponent { .. } => "E071",
-            Self::NothingAttached { .. } => "E072",
+            Self::NothingAttached { .. } | Self::LimitedToNothing { .. } => "E072",
             Self::TooManyAttached { .. } => "E073",
             Self::Unheld => "E074",
             Self::FactorTooLarge { .. } => "E075",
@@ -190,6 +202,9 @@ impl Fault {
             Self::NothingAttached { .. } => "check that muscle, bone and patch belong together and each `unit` is \
                 right, or raise `near` or `within`"
                 .to_owned(),
+            Self::LimitedToNothing { .. } => "raise `limit`, give `edge_length` for a finer mesh, or list \
+                `vertices`"
+                .to_owned(),
             Self::TooManyAttached { .. } => "lower `limit` or the distances".to_owned(),
             Self::Unheld => "attach every piece of it to a bone, or let it move: [solver.xpbd]".to_owned(),
             Self::CarriedInto { .. } => "check the joint's `centre` and `axis` and the range of the motion, \
@@ -217,6 +232,47 @@ pub enum LoadError {
     /// A part of the scene is unusable.
     #[error("{0}")]
     Unfit(Box<Unfit>),
+    /// Several of these.
+    #[error("{}", lines(.0, ToString::to_string))]
+    Several(Vec<LoadError>),
+}
+
+/// Both values, or the errors of both.
+pub(super) fn both<A, B>(
+    a: Result<A, LoadError>,
+    b: Result<B, LoadError>,
+) -> Result<(A, B), LoadError> {
+    match (a, b) {
+        (Ok(a), Ok(b)) => Ok((a, b)),
+        (Err(a), Err(b)) => Err(LoadError::Several(vec![a, b])),
+        (Err(error), Ok(_)) | (Ok(_), Err(error)) => Err(error),
+    }
+}
+
+fn lines(all: &[LoadError], text: impl Fn(&LoadError) -> String) -> String {
+    let all: Vec<String> = all.iter().map(text).collect();
+    all.join("\n")
+}
+
+/// The values of all parts, or the errors of all parts that have one.
+pub(super) fn all_of<T>(
+    parts: impl IntoIterator<Item = Result<T, LoadError>>,
+) -> Result<Vec<T>, LoadError> {
+    let (mut values, mut errors) = (Vec::new(), Vec::new());
+    for part in parts {
+        match part {
+            Ok(value) => values.push(value),
+            Err(error) => errors.push(error),
+        }
+    }
+    match (errors.pop(), errors.is_empty()) {
+        (None, _) => Ok(values),
+        (Some(only), true) => Err(only),
+        (Some(last), false) => {
+            errors.push(last);
+            Err(LoadError::Several(errors))
+        }
+    }
 }
 
 /// An unusable part of a scene.
@@ -252,12 +308,23 @@ impl LoadError {
         }))
     }
 
-    /// One line with the place, for pipes and logs: the place in the mesh file, or in the scene.
+    /// One line with the place, for pipes and logs: the place in the mesh file, or in the scene. A
+    /// line for each of several errors.
     #[must_use]
     pub fn terse(&self) -> String {
         match self {
             Self::Read(error) => error.terse(),
             Self::Unfit(unfit) => unfit.placed.terse(),
+            Self::Several(all) => lines(all, Self::terse),
+        }
+    }
+
+    /// This error, or each of several.
+    #[must_use]
+    pub fn each(&self) -> Vec<&Self> {
+        match self {
+            Self::Read(_) | Self::Unfit(_) => vec![self],
+            Self::Several(all) => all.iter().flat_map(Self::each).collect(),
         }
     }
 }

@@ -343,3 +343,45 @@ pub(super) fn step_body(body: &mut Body, of: &FrameSteps<'_>) {
     }
     body.good.clone_from(&body.system.particles);
 }
+
+impl Body {
+    /// Greatest error of a volume that is kept exactly, relative to its target; 0 without one.
+    pub(super) fn volume_residual(&self) -> f64 {
+        let Some(volume) = self.system.volume.as_ref().filter(|v| v.is_exact()) else {
+            return 0.0;
+        };
+        (volume.value(&self.system.particles.position) / volume.target()).abs()
+    }
+
+    /// Sets what changes with time in a step: the shortening of fibres, and a volume under pressure.
+    pub(super) fn prepare(&mut self, of: &FrameSteps<'_>, step: usize) {
+        let particles = &self.system.particles;
+        let (x, w) = (&particles.position, &particles.inverse_mass);
+        if let (0, Some(placed)) = (step, of.steps.last()) {
+            self.contraction.begin_frame(x, w, placed);
+            let obstacles = self.system.contacts.as_ref();
+            let obstacles = obstacles.map_or(&[][..], |contacts| contacts.obstacles());
+            self.ties.begin_frame(x, obstacles, &of.steps[0]);
+        }
+        self.carriage
+            .carry(x, &of.steps[step], &mut self.system.carried);
+        let planes = self.ties.planes(&of.steps[step]);
+        if !planes.is_empty() {
+            self.each_part(|part| part.place(&planes), |part| part.place(&planes));
+        }
+        let done = (step + 1) as f64 / of.steps.len() as f64;
+        self.shorten((of.frame - 1) as f64 + done, done);
+        self.press(of, step);
+    }
+
+    /// In the first frame a volume that sweeps keep goes to its target in equal parts, one a step: in
+    /// the time of one short step no solver makes a body twice as large.
+    fn press(&mut self, of: &FrameSteps<'_>, step: usize) {
+        let is_due = of.frame == 1 && matches!(self.method, Stepper::Sweeps);
+        let Some(volume) = self.system.volume.as_mut().filter(|_| is_due) else {
+            return;
+        };
+        let left = (of.steps.len() - 1 - step) as f64 / of.steps.len() as f64;
+        volume.set_target(self.target_volume + left * (self.rest_volume - self.target_volume));
+    }
+}

@@ -19,6 +19,7 @@ mod fibres;
 mod frame;
 mod ready;
 mod joint;
+mod jump;
 pub(crate) mod joint_weights;
 pub(crate) mod lattice;
 mod lone;
@@ -130,8 +131,8 @@ impl Simulation {
         let start = Start::new(&scene, &assets, &plan, &placed, &surfaces)?;
         let bodies = (0..scene.muscles.len())
             .zip(start.muscles)
-            .map(|(m, start)| Body::new(&scene, &assets, m, &plan.muscles[m], &placed, start))
-            .collect::<Result<Vec<_>, _>>()?;
+            .map(|(m, start)| Body::new(&scene, &assets, m, &plan.muscles[m], &placed, start));
+        let bodies = fault::all_of(bodies)?;
         let mut notes = Vec::new();
         for (bone, found) in scene.bones.iter().zip(&assets.bone_notes) {
             notes.extend(found.iter().map(|n| format!("{}: {n}", bone.name)));

@@ -101,7 +101,7 @@ pub(super) struct Ready {
     capsules: Kept<Capsule>,
     rests: Kept<Rest>,
     clear: Kept<Clear>,
-    parted: Kept<(Among, Result<Apart, Inseparable>)>,
+    parted: Kept<(Among, Result<Apart, Vec<Inseparable>>)>,
     obstacles: usize,
 }
 
@@ -160,7 +160,7 @@ impl Ready {
     }
 
     /// The muscles moved apart from each other, and to their sides of the bones.
-    pub fn parted(&self, among: Among) -> Arc<(Among, Result<Apart, Inseparable>)> {
+    pub fn parted(&self, among: Among) -> Arc<(Among, Result<Apart, Vec<Inseparable>>)> {
         let is = |kept: &(Among, _)| kept.0.is(&among);
         let make = || {
             let parted = among.part(self);
@@ -263,7 +263,7 @@ impl Among {
                 .all(|((_, a, at), (_, b, there))| Arc::ptr_eq(a, b) && same_pose(at, there))
     }
 
-    fn part(&self, ready: &Ready) -> Result<Apart, Inseparable> {
+    fn part(&self, ready: &Ready) -> Result<Apart, Vec<Inseparable>> {
         // Only a closed surface has an inside that others can leave.
         let closed: Vec<usize> = (0..self.clear.len())
             .filter(|&m| self.clear[m].topology().is_closed())
@@ -290,8 +290,8 @@ impl Among {
             })
             .collect();
         let parted = apart::part(&soft, &rigid, self.gaps);
-        if let Some(left) = parted.left.first() {
-            return Err(left.clone());
+        if !parted.left.is_empty() {
+            return Err(parted.left);
         }
         let mut muscles: Vec<(Arc<Rest>, Moved)> = self
             .clear

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 use super::assets::Assets;
 use super::attachments::{Attached, Freed};
 use super::body::attach;
-use super::fault::{Fault, LoadError};
+use super::fault::{Fault, LoadError, all_of};
 use super::plan::{MusclePlan, Plan};
 use super::ready::{Among, Rest};
-use crate::contact::apart::{Gaps, PartedPair};
+use crate::contact::apart::{Gaps, Inseparable, PartedPair};
 use crate::contact::untangle::Untangled;
 use crate::contact::{PosedObstacle, Surface};
 use crate::scene::Scene;
@@ -42,13 +42,12 @@ impl Start {
         placed: &[PosedObstacle],
         surfaces: &[Arc<Surface>],
     ) -> Result<Self, LoadError> {
-        let (mut attached, mut freed) = (Vec::new(), Vec::new());
-        for (m, asset) in assets.muscles.iter().enumerate() {
+        let held = assets.muscles.iter().enumerate().map(|(m, asset)| {
             let read = assets.ready.rest(&asset.mesh);
-            let (held, free) = attach(scene, m, &read, assets, placed)?;
-            attached.push(held);
-            freed.extend(free);
-        }
+            attach(scene, m, &read, assets, placed)
+        });
+        let (attached, freed): (Vec<_>, Vec<_>) = all_of(held)?.into_iter().unzip();
+        let freed = freed.into_iter().flatten().collect();
         let bones: Vec<_> = surfaces
             .iter()
             .cloned()
@@ -87,12 +86,9 @@ impl Start {
                 },
             };
             let parted = assets.ready.parted(among);
-            let parted = parted.1.as_ref().map_err(|error| {
-                let muscle = scene.muscles.iter().position(|m| m.name == error.pair[0]);
-                let key = format!("muscle.{}", muscle.unwrap_or(0));
-                let part = format!("muscle `{}`", error.pair[0]);
-                LoadError::new(scene, &key, part, Fault::Inseparable(error.clone()))
-            })?;
+            let left = parted.1.as_ref().err().into_iter().flatten();
+            all_of(left.map(|error| Err::<(), _>(inseparable(scene, error))))?;
+            let Ok(parted) = &parted.1 else { continue };
             for (&m, (to, moved)) in set.iter().zip(&parted.muscles) {
                 let (rest, untangled) = &mut muscles[m];
                 if !Arc::ptr_eq(rest, to) {
@@ -123,9 +119,16 @@ impl Start {
     }
 }
 
-/// The shape at rest: that of the plan, or as read without its overlap with bones. If the removal
-/// moves a vertex far, it does not come to rest: such a muscle is as read, and parted from the bones
-/// later, when its side of each is known.
+/// The error for two surfaces that cannot be parted.
+fn inseparable(scene: &Scene, error: &Inseparable) -> LoadError {
+    let muscle = scene.muscles.iter().position(|m| m.name == error.pair[0]);
+    let key = format!("muscle.{}", muscle.unwrap_or(0));
+    let part = format!("muscle `{}`", error.pair[0]);
+    LoadError::new(scene, &key, part, Fault::Inseparable(error.clone()))
+}
+
+/// The shape at rest: that of the plan, or as read. A closed muscle is parted from bones later, when
+/// its side of each is known; others leave the bones and capsules here, on the nearest side.
 fn at_rest(
     scene: &Scene,
     assets: &Assets,
@@ -140,14 +143,13 @@ fn at_rest(
     let Some(contact) = scene.effects.contact.filter(|_| !plan.obstacles.is_empty()) else {
         return (read, Untangled::default());
     };
+    // Capsules have no triangles that could be crossed; an open surface has no inside.
+    let is_bone = |o: &usize| *o < scene.bones.len();
+    if plan.obstacles.iter().all(is_bone) && read.topology().is_closed() {
+        return (read, Untangled::default());
+    }
     let clear = assets
         .ready
         .clear(&read, placed, &plan.obstacles, contact.thickness);
-    // Capsules have no triangles that could be crossed.
-    let is_bone = |o: &usize| *o < scene.bones.len();
-    let is_parted = clear.done.moved <= clear.done.farthest(contact.thickness);
-    if !is_parted && plan.obstacles.iter().all(is_bone) && read.topology().is_closed() {
-        return (read, Untangled::default());
-    }
     (clear.rest.clone(), clear.done)
 }

@@ -440,11 +440,17 @@ fn project_volumes(meeting: &mut Meeting, bodies: &mut [&mut Body], of: &FrameSt
         let blocked: Vec<Vec<_>> = (0..bodies.len())
             .map(|k| meeting.blocked(k).collect())
             .collect();
+        let is_moved = |k: usize| round == 0 || !frozen[k].is_empty();
         let motions = with_motions(meeting, bodies, |k, body| {
-            if round == 0 || !frozen[k].is_empty() {
+            if is_moved(k) {
                 body.system.project_volume(of.dt, &blocked[k], &frozen[k]);
             }
         });
+        for (k, body) in bodies.iter().enumerate() {
+            if is_moved(k) && body.stopped.is_none() {
+                meeting.bear(k, |vertex| body.system.withheld(vertex));
+            }
+        }
         let mut motions = Some(motions);
         if burst(bodies, of, &mut motions) {
             return;

@@ -17,8 +17,7 @@ use crate::state::{DecodeError, Reader, State, Writer};
 pub struct Inertia {
     /// m / dt^2 [kg/s^2], shape `[count]`.
     pub weight: Vec<f64>,
-    /// Predicted position of each vertex from its velocity and constant forces [m], shape
-    /// `[count]`.
+    /// Where the velocity of each vertex takes it [m], shape `[count]`.
     pub target: Vec<Point3<f64>>,
 }
 
@@ -210,9 +209,14 @@ impl Energy {
         }
     }
 
-    /// A force [N] to judge forces on a vertex by: that of a strain of one.
+    /// A force [N] to judge forces on a vertex by: that of a strain of one. Where nothing is elastic, the
+    /// greatest constant force.
     pub fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        max_or_nan(self.parts().map(|part| part.force_scale(x)))
+        let strained = max_or_nan(self.parts().map(|part| part.force_scale(x)));
+        match strained == 0.0 {
+            true => max_or_nan(self.forces.iter().map(Vector3::norm)),
+            false => strained,
+        }
     }
 
     /// Lets constraints that are known up to a period take note of where they are.

@@ -129,18 +129,24 @@ impl QuasiStatic {
         let mut displacement = vec![Vector3::zeros(); x.len()];
         held.iter()
             .for_each(|&(v, to)| displacement[v as usize] = to - x[v as usize]);
-        let is_still = displacement.iter().all(|d| *d == Vector3::zeros());
+        let mut flight = vec![Vector3::zeros(); x.len()];
+        if let Some(inertia) = &self.problem.energy.inertia {
+            // With inertia, a vertex keeps its velocity and falls with its constant force unless
+            // something holds it. Otherwise forces below the tolerance never move a free body.
+            let each = flight.iter_mut().zip(x.iter()).zip(&inertia.target);
+            each.for_each(|((flight, x), target)| *flight = target - x);
+            let forces = self.problem.energy.forces.iter().zip(&inertia.weight);
+            let each = flight.iter_mut().zip(forces);
+            each.filter(|(_, (_, weight))| **weight > 0.0)
+                .for_each(|(flight, (force, weight))| *flight += force / *weight);
+        }
+        let mut all = displacement.iter().chain(&flight);
+        let is_still = all.all(|d| *d == Vector3::zeros());
         if is_still && contact.parts(&displacement) == 1 {
             return;
         }
-        let mut flight = vec![Vector3::zeros(); x.len()];
-        if let Some(inertia) = &self.problem.energy.inertia {
-            // With inertia, a vertex keeps its velocity unless something holds it.
-            let each = flight.iter_mut().zip(x.iter()).zip(&inertia.target);
-            each.for_each(|((flight, x), target)| *flight = target - x);
-            let each = displacement.iter_mut().zip(&flight);
-            each.for_each(|(d, flight)| *d -= flight);
-        }
+        let each = displacement.iter_mut().zip(&flight);
+        each.for_each(|(d, flight)| *d -= flight);
         self.laplacian
             .extend(&self.problem.unknowns, &mut displacement);
         displacement

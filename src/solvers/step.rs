@@ -376,6 +376,15 @@ impl System {
         let _ = self.clock.time("volume", || {
             volume.project_along(&mut self.particles, dt, restrict)
         });
+        if let Some(contacts) = &mut self.contacts {
+            contacts.bear(|vertex| volume.withheld(vertex));
+        }
+    }
+
+    /// What was taken from the displacement of `vertex` in the last projection of the volume [m].
+    pub(crate) fn withheld(&self, vertex: u32) -> Vector3<f64> {
+        let volume = self.volume.as_ref();
+        volume.map_or_else(Vector3::zeros, |volume| volume.withheld(vertex))
     }
 
     fn predict(&mut self, placed: &[PosedObstacle], dt: f64) {

@@ -320,9 +320,8 @@ pub fn check_scene(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
     let folder = Path::new("no-such-folder");
     let nothing = |_: &str| -> Option<OsString> { None };
     let around = Surroundings {
-        folder,
         variable: &nothing,
-        overrides: &[],
+        ..Surroundings::of(folder)
     };
     match caught(|| parse_content(&text, "s.toml", &around))? {
         Ok(Content::Muscles(scene))

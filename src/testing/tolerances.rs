@@ -53,6 +53,10 @@ pub const T22: f64 = 0.024;
 pub const T23: f64 = 2e-7;
 /// T24: a whole scene in other units, relative to its size.
 pub const T24: f64 = 1e-9;
+/// T25: a law of physics for a whole scene, relative.
+pub const T25: f64 = 1e-3;
+/// T26: momentum of bodies that nothing else touches, after a run, relative.
+pub const T26: f64 = 1e-9;
 
 /// All tolerances by name, in order.
 pub const ALL: &[(&str, f64)] = &[
@@ -80,6 +84,8 @@ pub const ALL: &[(&str, f64)] = &[
     ("T22", T22),
     ("T23", T23),
     ("T24", T24),
+    ("T25", T25),
+    ("T26", T26),
 ];
 
 /// Number of random cases: `default`, or the value of `PLIANT_CASES`.

@@ -179,9 +179,7 @@ struct Traces {
 
 fn traces(wish: &Wish) -> Traces {
     let around = Surroundings {
-        folder: folder(),
-        variable: &|_| None,
-        overrides: &[],
+        ..Surroundings::of(folder())
     };
     let parsed = parse_with(&scene(wish), "effects.toml", &around);
     let mut sim = Simulation::new(parsed.unwrap_or_else(|e| panic!("{}", e.terse())))

@@ -59,9 +59,7 @@ fn simulation(solver: &str, fascia: &str, plate: &str, held: bool) -> Simulation
         [effects.damping]\nrate = '40 1/s'\n{solver}"
     );
     let around = Surroundings {
-        folder: folder(),
-        variable: &|_| None,
-        overrides: &[],
+        ..Surroundings::of(folder())
     };
     let parsed = parse_with(&text, "fascia.toml", &around);
     let parsed = parsed.unwrap_or_else(|error| panic!("{}", error.terse()));

@@ -54,9 +54,9 @@ fn read_with(text: &str, overrides: &[&str]) -> Result<Scene, SceneError> {
     let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
     let folder = folder();
     let around = Surroundings {
-        folder: &folder,
         variable: &variable,
         overrides: &overrides,
+        ..Surroundings::of(&folder)
     };
     scene::parse_with(text, "s.toml", &around)
 }
@@ -150,9 +150,8 @@ fn the_layout_of_the_documentation_is_a_scene() {
 fn without_muscles(text: &str) -> Content {
     let (folder, variable) = (folder(), |_: &str| None);
     let around = Surroundings {
-        folder: &folder,
         variable: &variable,
-        overrides: &[],
+        ..Surroundings::of(&folder)
     };
     match parse_content(text, "s.toml", &around).unwrap_or_else(|e| panic!("{e:?}")) {
         Content::Muscles(_) => panic!("a scene of muscles"),
@@ -438,7 +437,7 @@ fn wrong_overrides_name_themselves() {
         (
             "contact.thickness=2",
             "error[E050]: effects.contact.thickness: `2` has no unit; \
-          write \"2 m\"; known units of length: m, dm, cm, mm, um, km, in",
+          write \"2 mm\"; known units of length: m, dm, cm, mm, um, km, in",
         ),
         (
             "contact",
@@ -555,12 +554,12 @@ fn a_name_is_a_file_or_a_built_in() {
     let terse = |name: &str| load(name, &[]).expect_err(name).terse();
     assert_eq!(
         terse("hop"),
-        "SCENE: error[E063]: there is no scene `hop`, did you mean `hip`?; \
+        "hop: error[E063]: there is no scene `hop`, did you mean `hip`?; \
          there are: hip, press, distance, shape, volume, chain, cube, sheet, flat-implant, expander, lattice"
     );
     assert_eq!(
         terse("hip.toml"),
-        "SCENE: error[E060]: no file `hip.toml`; name a scene file, or one of the scenes that `pliant scenes` lists"
+        "hip.toml: error[E060]: no file `hip.toml`; name a scene file, or one of the scenes that `pliant scenes` lists"
     );
     let file = folder().join("calf.toml");
     std::fs::write(&file, SMALL).expect("the folder of tests can be written");

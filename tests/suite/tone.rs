@@ -67,9 +67,7 @@ const SOLVERS: [&str; 3] = [
 
 fn simulation(of_muscle: &str, others: &str) -> Simulation {
     let around = Surroundings {
-        folder: folder(),
-        variable: &|_| None,
-        overrides: &[],
+        ..Surroundings::of(folder())
     };
     let parsed = parse_with(&scene(of_muscle, others), "tone.toml", &around);
     let parsed = parsed.unwrap_or_else(|error| panic!("{}", error.terse()));
@@ -181,9 +179,7 @@ fn tone_and_activation_that_cannot_act_are_left_out_with_a_reason() {
         format!("{FIBRES}\n[muscle.activation]\nkeys = [{{ frame = 0, shortening = '5 %' }}]");
     let without = |text: &str, part: &str| text.replace(part, "");
     let around = Surroundings {
-        folder: folder(),
-        variable: &|_| None,
-        overrides: &[],
+        ..Surroundings::of(folder())
     };
     let reasons = |text: &str| {
         let parsed = parse_with(text, "tone.toml", &around).expect("a scene");

@@ -172,9 +172,9 @@ impl Recipe {
         let mut overrides = self.given.clone();
         overrides.extend(self.changes());
         let surroundings = Surroundings {
-            folder: &self.folder,
             variable: &self.variables,
             overrides: &overrides,
+            ..Surroundings::of(&self.folder)
         };
         parse_with(&self.text, &self.name, &surroundings)
     }
@@ -202,9 +202,9 @@ impl Recipe {
         let mut overrides = self.given.clone();
         overrides.extend(self.changes());
         let surroundings = Surroundings {
-            folder: &self.folder,
             variable: &self.variables,
             overrides: &overrides,
+            ..Surroundings::of(&self.folder)
         };
         parse_content(&self.text, &self.name, &surroundings)
     }

@@ -89,15 +89,14 @@ impl Failure {
     /// on a pipe.
     pub(super) fn show(&self) {
         match self {
-            Self::Scene(error) => say_with_source(&SceneDiagnostic::new(error), &self.terse()),
-            Self::Load { error, written } => match (error, written) {
-                // An error of reading contains the name of its file.
-                (LoadError::Read(read), _) => say_with_source(&Excerpt::of(read), &self.terse()),
-                (LoadError::Unfit(unfit), true) => {
-                    say_with_source(&SceneDiagnostic::new(unfit.scene_error()), &self.terse())
-                }
-                (LoadError::Unfit(_), false) => warn(&self.terse()),
-            },
+            Self::Scene(error) => {
+                let all = error.each().into_iter();
+                all.for_each(|each| say_with_source(&SceneDiagnostic::new(each), &each.terse()));
+            }
+            Self::Load { error, written } => {
+                let all = error.each().into_iter();
+                all.for_each(|each| show_unfit(each, *written));
+            }
             #[cfg(feature = "viewer")]
             Self::Message(_) => warn(&self.terse()),
             Self::Folder(_) | Self::Usage { .. } => warn(&self.terse()),
@@ -107,16 +106,40 @@ impl Failure {
     /// The failure in one line.
     pub(super) fn terse(&self) -> String {
         match self {
-            Self::Scene(error) => error.terse(),
-            Self::Load { error, written } => match (error, written) {
-                (LoadError::Unfit(unfit), false) => unfit.without_place(),
-                _ => error.terse(),
-            },
+            Self::Scene(error) => {
+                let all = error.each().into_iter().map(SceneError::terse);
+                all.collect::<Vec<_>>().join("\n")
+            }
+            Self::Load { error, written } => {
+                let all = error.each().into_iter().map(|each| terse(each, *written));
+                all.collect::<Vec<_>>().join("\n")
+            }
             Self::Folder(error) => format!("error: {error}"),
             #[cfg(feature = "viewer")]
             Self::Message(message) => format!("error: {message}"),
             Self::Usage { message, hint } => format!("error: {message}; {hint}"),
         }
+    }
+}
+
+/// One line for a mesh that cannot be used; with its place in the scene if the user wrote one.
+fn terse(error: &LoadError, written: bool) -> String {
+    match error {
+        LoadError::Unfit(unfit) if !written => unfit.without_place(),
+        _ => error.terse(),
+    }
+}
+
+/// Prints one error of a mesh, with its place in the file or in a scene that the user wrote.
+fn show_unfit(error: &LoadError, written: bool) {
+    let terse = terse(error, written);
+    match error {
+        // An error of reading contains the name of its file.
+        LoadError::Read(read) => say_with_source(&Excerpt::of(read), &terse),
+        LoadError::Unfit(unfit) if written => {
+            say_with_source(&SceneDiagnostic::new(unfit.scene_error()), &terse)
+        }
+        LoadError::Unfit(_) | LoadError::Several(_) => warn(&terse),
     }
 }
 

@@ -96,9 +96,9 @@ pub(super) fn parse(
     changes: &[String],
 ) -> Result<Scene, Failure> {
     let surroundings = Surroundings {
-        folder: folder.as_ref(),
         variable: &environment::variable,
         overrides: changes,
+        ..Surroundings::of(folder.as_ref())
     };
     Ok(parse_with(toml, "scene.toml", &surroundings)?)
 }

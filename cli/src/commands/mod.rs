@@ -10,6 +10,7 @@ mod biceps;
 mod check;
 mod contact;
 mod convert;
+mod data;
 mod environment;
 mod excerpt;
 mod failure;
@@ -32,7 +33,7 @@ mod stress;
 mod study;
 mod view;
 
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
@@ -82,9 +83,11 @@ enum Command {
     Run(Box<run::Arguments>),
     /// Write a scene of muscles and bones from their meshes, and try its first frames
     Init(Box<init::Arguments>),
+    /// Write a muscle and its two bones as files to begin with, or show where measured meshes are
+    Data(data::Arguments),
     /// Open a window on a running scene, and control it
     View(view::Arguments),
-    /// Show which effects a scene runs, on how many elements, and which ones are left out and why
+    /// Prepare a scene as a run does, and show its attachments, its overlaps and which effects it runs
     Plan(plan::Arguments),
     /// Measure the cost of accuracy in a scene: errors and times of many solvers and settings
     /// against a reference
@@ -102,7 +105,7 @@ enum Command {
     Fibres(Box<fibres::Arguments>),
     /// Compute lengths and moment arms of a muscle's fibres during the rotation of a joint
     MomentArms(moment_arms::Arguments),
-    /// List the built-in scenes, or show one
+    /// List the built-in scenes, show one, or explain the keys of a scene
     Scenes(scenes::Arguments),
     /// Show the defects of meshes and whether a simulation accepts them, and repair them
     Check(check::Arguments),
@@ -132,15 +135,20 @@ pub fn main() -> ExitCode {
     let arguments = match parsed {
         Ok(arguments) => arguments,
         Err(error) => {
-            // If the output is closed, nobody can read an error.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
+            if error.use_stderr() {
+                // If the output is closed, nobody can read an error.
+                let _ = error.print();
+                return ExitCode::from(BAD_INPUT);
+            }
+            note_loss(error.print());
+            return ExitCode::from(unless_lost(DONE));
         }
     };
     let done = match arguments.command {
         None => run::run(&run::Arguments::default()),
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::Init(arguments)) => init::run(&arguments),
+        Some(Command::Data(arguments)) => data::run(&arguments),
         Some(Command::View(arguments)) => view::run(&arguments),
         Some(Command::Plan(arguments)) => plan::run(&arguments),
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
@@ -159,14 +167,26 @@ pub fn main() -> ExitCode {
         Some(Command::Morph(arguments)) => morph::run(&arguments),
         Some(Command::Register(arguments)) => register::run(&arguments),
     };
-    match done {
-        Ok(code) => ExitCode::from(code),
+    let code = match done {
+        Ok(code) => code,
         Err(failure) => {
             failure.show();
-            ExitCode::from(failure.code())
+            failure.code()
         }
-    }
+    };
+    ExitCode::from(unless_lost(code))
 }
+
+/// The exit code, or a failure where standard output did not take what was printed.
+fn unless_lost(code: u8) -> u8 {
+    if code == DONE && LOST.load(Ordering::Relaxed) {
+        return FAILED;
+    }
+    code
+}
+
+/// Whether a text was lost because standard output could not be written to.
+static LOST: AtomicBool = AtomicBool::new(false);
 
 /// Whether only errors and failed checks are written.
 static QUIET: AtomicBool = AtomicBool::new(false);
@@ -187,7 +207,21 @@ fn quiet() -> bool {
 /// Writes to standard output; a closed pipe (`| head`) is no error.
 fn say(text: &str) {
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    note_loss(out.write_all(text.as_bytes()).and_then(|()| out.flush()));
+}
+
+/// Reports the first text that standard output did not take.
+fn note_loss(printed: std::io::Result<()>) {
+    let lost = printed
+        .err()
+        .filter(|error| error.kind() != ErrorKind::BrokenPipe);
+    if let Some(error) = lost
+        && !LOST.swap(true, Ordering::Relaxed)
+    {
+        warn(&format!(
+            "error: standard output cannot be written to ({error}); write it elsewhere"
+        ));
+    }
 }
 
 /// Writes a line to standard error, if possible.

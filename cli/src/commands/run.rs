@@ -21,7 +21,7 @@ use super::progress::{Bar, if_raised};
 use super::{BY_CTRL_C, BY_SIGTERM, INTERRUPTED, environment, interrupted, note, resume, warn};
 use crate::report::folder::Folder;
 use crate::report::results::Results;
-use crate::report::run::Finished;
+use crate::report::run::{FILES, Finished};
 use pliant::accuracy::{self, Chosen, StudyError};
 use pliant::scene::{Accuracy, Content, Scene};
 use pliant::simulation::checkpoint::Fingerprint;
@@ -142,6 +142,7 @@ fn of_muscles(
         }
     };
     let out = arguments.output.folder(&scene.name, "");
+    Folder::check(&out, &FILES.map(str::to_owned))?;
     let resumed = if arguments.resume {
         Some(resume::read(&out)?)
     } else {

@@ -62,9 +62,8 @@ impl SceneText {
     /// The scene, checked by the reader of scene files. Paths start in the working folder.
     pub(super) fn content(&self) -> Result<Content, Failure> {
         let surroundings = Surroundings {
-            folder: Path::new("."),
             variable: &environment::variable,
-            overrides: &[],
+            ..Surroundings::of(Path::new("."))
         };
         parse_content(&self.text, "scene.toml", &surroundings).map_err(|e| self.of_scene(&e))
     }

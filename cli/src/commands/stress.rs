@@ -82,9 +82,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let name = &arguments.scene;
     let with = |changes: &[String]| {
         let all = [&arguments.set, changes].concat();
-        environment::load_content(name, &all)
+        environment::load_case(name, &all)
     };
-    let scene = with(&[])?;
+    let scene = environment::load_content(name, &arguments.set)?;
     let text = builtin::find(name)?.text;
     let table: toml::Table = text.parse().map_err(|error| {
         Failure::usage(

@@ -15,6 +15,7 @@ use pliant::fibres::{Area, Attachment, FibreMeasures, Tendon};
 use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
+use pliant::mesh::measures::max_or_nan;
 use pliant_render::PictureError;
 
 /// Greatest permitted distance of a fibre end from its projected area [m].
@@ -102,6 +103,9 @@ pub struct Bundle<'a> {
     pub time_s: f64,
 }
 
+/// Greatest length of a fibre, relative to the distance of its ends: half a circle has 1.57.
+const WINDING: f64 = 2.0;
+
 impl<'a> Bundle<'a> {
     /// Results of the checks.
     pub fn verdicts(&self) -> Vec<Verdict> {
@@ -115,6 +119,10 @@ impl<'a> Bundle<'a> {
             )
             .in_unit("m"),
         ];
+        let ratio = self.each.iter().map(|fibre| fibre.length_m / fibre.chord_m);
+        let name = "length of a fibre, relative to the distance of its ends";
+        let cure = "look for fibres that turn back, and for areas on the wrong end";
+        all.push(Verdict::at_most(name, max_or_nan(ratio), WINDING).else_do(cure));
         if !q.jacobian_min.is_nan() {
             let name = "fibres side by side stay so: least Jacobian of their map, above 0";
             let verdict = Verdict::new(name, q.jacobian_min > 0.0);

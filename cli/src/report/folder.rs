@@ -1,7 +1,7 @@
 //! The folder of a run's results: lists its own files, and changes no others.
 
 use std::collections::HashSet;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Mutex;
@@ -31,6 +31,9 @@ pub enum FolderError {
     /// The path exists and is no folder.
     #[error("`{0}` is not a folder; name another with --out")]
     NotAFolder(PathBuf),
+    /// Another run writes to the folder.
+    #[error("another run writes to `{0}`; wait for its end, or name another folder with --out")]
+    InUse(PathBuf),
     /// A file that pliant did not write has the name of a result.
     #[error(
         "`{0}` is there and was not written by pliant; move it, or name another folder with --out"
@@ -84,10 +87,24 @@ fn refused(path: &Path) -> impl FnOnce(io::Error) -> FolderError + '_ {
     }
 }
 
-/// A folder of results.
+/// Locks a folder against other runs until the returned file is closed: at the latest with the
+/// process, so that a kill leaves no lock. Where the file system has no locks there is none.
+fn lock(root: &Path) -> Result<Option<File>, FolderError> {
+    let Ok(folder) = File::open(root) else {
+        return Ok(None);
+    };
+    match folder.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(FolderError::InUse(root.to_owned())),
+        Err(TryLockError::Error(_)) => Ok(None),
+        Ok(()) => Ok(Some(folder)),
+    }
+}
+
+/// A folder of results, locked against other runs.
 #[derive(Debug)]
 pub struct Folder {
     root: PathBuf,
+    _lock: Option<File>,
     claimed: Mutex<Claimed>,
 }
 
@@ -109,8 +126,8 @@ impl Folder {
     /// Checks that results can be written, before any computation and without leaving a file.
     ///
     /// # Errors
-    /// A path that is no folder, a foreign file at the path of one of `files`, or a folder that is
-    /// not writable.
+    /// A path that is no folder, a foreign file at the path of one of `files`, a folder that is not
+    /// writable, or one to which another run writes.
     pub fn check(root: &Path, files: &[String]) -> Result<(), FolderError> {
         // A symbolic link without a target is no folder either.
         let is_there = |p: &&Path| p.symlink_metadata().is_ok();
@@ -120,6 +137,7 @@ impl Folder {
         if !nearest.is_dir() {
             return Err(FolderError::NotAFolder(nearest.to_owned()));
         }
+        lock(root)?;
         let own = listed(&root.join(LIST)).map_err(|error| match error {
             FolderError::Io { path, source } => FolderError::Unwritable { path, source },
             other => other,
@@ -157,6 +175,7 @@ impl Folder {
             return Err(FolderError::NotAFolder(taken.to_owned()));
         }
         fs::create_dir_all(root).map_err(refused(root))?;
+        let lock = lock(root)?;
         let list_path = root.join(LIST);
         let old = listed(&list_path)?;
         let (kept, gone): (Vec<String>, Vec<String>) = old
@@ -185,6 +204,7 @@ impl Folder {
         let files = kept.into_iter().collect();
         Ok(Self {
             root: root.to_owned(),
+            _lock: lock,
             claimed: Mutex::new(Claimed { list, files }),
         })
     }
@@ -200,6 +220,7 @@ impl Folder {
         frames: &HashSet<String>,
         replaced: impl Fn(&str) -> bool,
     ) -> Result<Self, FolderError> {
+        let lock = lock(root)?;
         let list_path = root.join(LIST);
         let Some(listed) = listed(&list_path)? else {
             return Err(FolderError::Missing(list_path));
@@ -234,6 +255,7 @@ impl Folder {
             .map_err(refused(&list_path))?;
         Ok(Self {
             root: root.to_owned(),
+            _lock: lock,
             claimed: Mutex::new(Claimed { list, files }),
         })
     }
@@ -296,11 +318,23 @@ impl Folder {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(refused(folder))?;
         }
-        // Listed before it exists, so that the next run can remove it even after a kill.
+        // In the list before it exists, so that the next run can remove it even after a kill.
         let written = writeln!(claimed.list, "{relative}");
         written.map_err(refused(&self.root.join(LIST)))?;
         claimed.files.insert(relative.to_owned());
         Ok(path)
+    }
+
+    /// Removes a file of this run, if it is there.
+    pub(super) fn discard(&self, relative: &str) {
+        let mut claimed = self
+            .claimed
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        if claimed.files.remove(relative) {
+            // A file that stays is no loss, and the error before it is the one to report.
+            let _ = fs::remove_file(self.root.join(relative));
+        }
     }
 }
 
@@ -409,6 +443,7 @@ mod tests {
         folder.write("runs/b.json", text("b")).unwrap();
         folder.write("table.csv", text("old")).unwrap();
         fs::write(root.join("runs/mine.json"), "mine").unwrap();
+        drop(folder);
         let folder =
             Folder::open_keeping(&root, &|r| r == "runs/a.json" || r == "runs/mine.json").unwrap();
         assert!(root.join("runs/a.json").exists() && !root.join("runs/b.json").exists());
@@ -497,6 +532,26 @@ mod tests {
             .unwrap();
         Folder::check(&root, &files).unwrap();
         assert!(root.join("skin.vtp").exists());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn two_runs_do_not_write_to_one_folder() {
+        let root = Scratch::folder();
+        let folder = Folder::open(&root).unwrap();
+        folder.write("measures.csv", text("first")).unwrap();
+        let frames = HashSet::new();
+        let refused = [
+            Folder::check(&root, &[]).err(),
+            Folder::open(&root).err(),
+            Folder::resume(&root, &frames, |_| true).err(),
+        ];
+        for error in refused {
+            assert!(matches!(error, Some(FolderError::InUse(path)) if path == *root));
+        }
+        assert_eq!(fs::read(root.join("measures.csv")).unwrap(), b"first");
+        drop(folder);
+        Folder::open(&root).unwrap();
     }
 
     #[cfg(target_os = "linux")]

@@ -9,6 +9,7 @@ use std::thread::JoinHandle;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::folder::{CHECKPOINT, Folder, FolderError};
+use pliant::TriangleMesh;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::simulation::{BodyDescription, FrameState, SceneDescription, strain_at_vertices};
@@ -127,7 +128,16 @@ enum Job {
 /// Writes frames, and checkpoints between them, in its own thread.
 pub struct FrameWriter {
     sender: SyncSender<Job>,
-    thread: JoinHandle<Result<Collection, FolderError>>,
+    thread: JoinHandle<Written>,
+}
+
+/// What the writer has written.
+#[derive(Debug)]
+pub struct Written {
+    /// The files of all frames that are complete.
+    pub collection: Collection,
+    /// The error that ended the writing.
+    pub error: Option<FolderError>,
 }
 
 impl FrameWriter {
@@ -150,13 +160,13 @@ impl FrameWriter {
         self.sender.send(Job::Checkpoint(bytes)).is_ok()
     }
 
-    /// Waits for the last frame. Returns the list of files.
-    ///
-    /// # Errors
-    /// The error of the writer.
-    pub fn finish(self) -> Result<Collection, FolderError> {
+    /// Waits for the last frame.
+    pub fn finish(self) -> Written {
         drop(self.sender);
-        self.thread.join().unwrap_or(Err(FolderError::WriterEnded))
+        self.thread.join().unwrap_or(Written {
+            collection: Collection::new(),
+            error: Some(FolderError::WriterEnded),
+        })
     }
 }
 
@@ -165,19 +175,29 @@ fn write_all(
     cast: &SceneDescription,
     jobs: &Receiver<Job>,
     mut listing: Listing,
-) -> Result<Collection, FolderError> {
+) -> Written {
+    let mut error = None;
     for job in jobs {
-        match job {
-            Job::Frame(snapshot) => write_frame(folder, cast, &snapshot, &mut listing)?,
+        let complete = listing.collection.entries().len();
+        let done = match job {
+            Job::Frame(snapshot) => write_frame(folder, cast, &snapshot, &mut listing),
             // The data of a checkpoint must be safe on the disk.
             Job::Checkpoint(bytes) => folder.write(CHECKPOINT, |w| {
                 w.write_all(&bytes)?;
                 w.flush()?;
                 w.get_ref().sync_data()
-            })?,
+            }),
+        };
+        error = done.err();
+        if error.is_some() {
+            listing.collection.truncate(complete);
+            break;
         }
     }
-    Ok(listing.collection)
+    Written {
+        collection: listing.collection,
+        error,
+    }
 }
 
 fn write_frame(
@@ -186,16 +206,28 @@ fn write_frame(
     snapshot: &FrameState,
     listing: &mut Listing,
 ) -> Result<(), FolderError> {
-    let Files { muscles, bones } =
-        listing.add(cast, snapshot.frame, snapshot.time, &snapshot.bones);
-    for ((actor, (x, v)), (file, fibres)) in cast.bodies.iter().zip(&snapshot.bodies).zip(&muscles)
-    {
+    let files = listing.add(cast, snapshot.frame, snapshot.time, &snapshot.bones);
+    let written = write_files(folder, cast, snapshot, &files);
+    if written.is_err() {
+        // Without half a frame a full disk has room for the index of the others.
+        files.all().for_each(|file| folder.discard(file));
+    }
+    written
+}
+
+fn write_files(
+    folder: &Folder,
+    cast: &SceneDescription,
+    snapshot: &FrameState,
+    Files { muscles, bones }: &Files,
+) -> Result<(), FolderError> {
+    for ((actor, (x, v)), (file, fibres)) in cast.bodies.iter().zip(&snapshot.bodies).zip(muscles) {
         put(folder, file, &muscle_data(actor, x, v))?;
         if let Some(file) = fibres {
             put_lines(folder, file, &actor.fibres.at(x))?;
         }
     }
-    for (((_, mesh), pose), file) in cast.bones.iter().zip(&snapshot.bones).zip(&bones) {
+    for (((_, mesh), pose), file) in cast.bones.iter().zip(&snapshot.bones).zip(bones) {
         if let Some(file) = file {
             let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
             put(
@@ -210,6 +242,34 @@ fn write_frame(
         }
     }
     Ok(())
+}
+
+/// Approximate sizes of the files of a frame [bytes].
+pub struct FrameBytes {
+    /// Of all muscles and their fibres.
+    pub muscles: u64,
+    /// Of each bone.
+    pub bones: Vec<u64>,
+}
+
+/// The sizes of the files of a frame.
+pub fn bytes(cast: &SceneDescription, snapshot: &FrameState) -> FrameBytes {
+    let bodies = cast.bodies.iter().zip(&snapshot.bodies);
+    let muscles = bodies.map(|(actor, (x, v))| {
+        let fibres = lines_data(&actor.fibres.at(x), vtp::bytes);
+        vtp::bytes(&muscle_data(actor, x, v)) + if actor.fibres.is_empty() { 0 } else { fibres }
+    });
+    let of_bone = |mesh: &TriangleMesh| {
+        vtp::bytes(&PolyData {
+            points: &mesh.vertices,
+            triangles: &mesh.triangles,
+            ..PolyData::default()
+        })
+    };
+    FrameBytes {
+        muscles: muscles.sum(),
+        bones: cast.bones.iter().map(|(_, mesh)| of_bone(mesh)).collect(),
+    }
 }
 
 fn muscle_data<'a>(
@@ -240,19 +300,20 @@ fn put(folder: &Folder, file: &str, data: &PolyData<'_>) -> Result<(), FolderErr
 }
 
 fn put_lines(folder: &Folder, file: &str, lines: &[Vec<Point3<f64>>]) -> Result<(), FolderError> {
+    lines_data(lines, |data| put(folder, file, data))
+}
+
+/// Passes polylines as data of a file to `with`.
+fn lines_data<T>(lines: &[Vec<Point3<f64>>], with: impl FnOnce(&PolyData<'_>) -> T) -> T {
     let points: Vec<Point3<f64>> = lines.iter().flatten().copied().collect();
     let mut numbers = 0u32..;
     let lines: Vec<Vec<u32>> = lines
         .iter()
         .map(|line| numbers.by_ref().take(line.len()).collect())
         .collect();
-    put(
-        folder,
-        file,
-        &PolyData {
-            points: &points,
-            lines: &lines,
-            ..PolyData::default()
-        },
-    )
+    with(&PolyData {
+        points: &points,
+        lines: &lines,
+        ..PolyData::default()
+    })
 }

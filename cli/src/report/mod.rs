@@ -21,6 +21,7 @@ pub mod muscles;
 pub mod output;
 pub mod pictures;
 pub mod quality;
+pub mod plan;
 mod plot;
 pub mod record;
 pub mod register;

@@ -260,7 +260,7 @@ pub fn output<'a>(
         kind: "moment_arms",
         name: swept.scene.clone(),
         measures: to_json(swept, running, arms),
-        verdicts: verdicts(running),
+        verdicts: verdicts(running, arms),
         notes: notes(running, arms),
         interrupted: swept.interrupted,
         time_s: swept.time_s,
@@ -303,16 +303,30 @@ fn encoded(pictures: &[(String, Frame)]) -> Result<Vec<Picture>, PictureError> {
     pictures.iter().enumerate().map(picture).collect()
 }
 
-/// Whether each muscle was moved through all angles.
-fn verdicts(running: &SweepRun) -> Vec<Verdict> {
-    let moved = "the muscle moves without being stopped";
-    let of = |m: &CrossingMuscle| match &m.stopped {
-        None => Verdict::new(moved, true).at(m.name.as_str()),
-        Some((frame, why)) => {
-            Verdict::new(moved, false).at(format!("{}, frame {frame}: {why:?}", m.name))
+/// Greatest difference of a moment arm from that of straight lines which no bone blocks, relative to the
+/// greatest of theirs: beyond it the muscle bends away from nothing, or its ends are the wrong ones.
+const OFF_STRAIGHT: f64 = 0.75;
+
+/// Whether each muscle was moved through all angles, and as its ends say.
+fn verdicts(running: &SweepRun, arms: &[Arms]) -> Vec<Verdict> {
+    let mut all = Vec::new();
+    for (m, arms) in running.muscles.iter().zip(arms) {
+        let at = match &m.stopped {
+            None => m.name.clone(),
+            Some((frame, why)) => format!("{}, frame {frame}: {why:?}", m.name),
+        };
+        let moved = "the muscle moves without being stopped";
+        all.push(Verdict::new(moved, m.stopped.is_none()).at(at));
+        let mut say = |verdict: Verdict| all.push(verdict.at(m.name.as_str()));
+        let unconverged = Verdict::none("angles that did not converge", m.unconverged);
+        say(unconverged.else_do("forces, volume or depth are above their tolerances there; turn by smaller steps (`--step`)"));
+        if let Some(off) = arms.off_straight() {
+            let name = "difference from straight lines that no bone blocks, relative to their greatest moment arm";
+            let cure = "look at the pictures: wrong ends, or a muscle that folds";
+            say(Verdict::at_most(name, off, OFF_STRAIGHT).else_do(cure));
         }
-    };
-    running.muscles.iter().map(of).collect()
+    }
+    all
 }
 
 /// A row for each muscle and angle.
@@ -483,14 +497,6 @@ fn notes(running: &SweepRun, arms: &[Arms]) -> Vec<String> {
         ));
     }
     for m in &running.muscles {
-        if m.unconverged > 0 {
-            notes.push(format!(
-                "{}: not converged at {} of {} angles: forces, volume or depth are above their tolerances there",
-                m.name,
-                m.unconverged,
-                m.lengths.len()
-            ));
-        }
         if m.points_in_bone > 0 {
             notes.push(format!(
                 "{}: {} points of fibres over all angles lie in a bone, the deepest {} mm; near where the muscle is held \

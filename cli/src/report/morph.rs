@@ -17,6 +17,7 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::io::{PointData, file_name};
 use pliant::mesh::measures::{area, max_or_nan, volume};
 use pliant::mesh::{SurfaceTree, TriangleMesh};
+use pliant::moment_arms::extremes;
 use pliant::morph::flipped;
 use pliant::morph::{Correspondence, Distortion};
 use pliant_render::PictureError;
@@ -218,6 +219,37 @@ pub struct Summary {
     verdicts: Vec<Verdict>,
 }
 
+/// Least and greatest volume of a shape between two others, relative to the smaller and to the greater of
+/// the two. A blend of a body with its mirror image turned half round passes through nothing.
+const BETWEEN: [f64; 2] = [0.5, 1.5];
+
+/// The checks that no shape in between loses or gains much volume.
+fn on_the_way(volumes: &[f64]) -> Vec<Verdict> {
+    let ends = volumes.first().into_iter().chain(volumes.last()).copied();
+    let (Some([smaller, greater]), Some([least, most])) =
+        (extremes(ends), extremes(volumes.iter().copied()))
+    else {
+        return Vec::new();
+    };
+    let (least, most) = (least / smaller, most / greater);
+    let [low, high] = BETWEEN;
+    let cure = "give pairs of features with --pairs; if one body is mirrored, mirror it back";
+    [
+        Verdict::at_least(
+            "least volume on the way, relative to the smaller of A and B",
+            least,
+            low,
+        ),
+        Verdict::at_most(
+            "greatest volume on the way, relative to the greater",
+            most,
+            high,
+        ),
+    ]
+    .map(|check| check.else_do(cure))
+    .into()
+}
+
 fn verdicts(a: &Side, b: &Side, euler: i64) -> Vec<Verdict> {
     let worst = max_or_nan([a.end_error, b.end_error]);
     vec![
@@ -310,6 +342,7 @@ impl Morph<'_> {
                 .map_or(0.0, |s| of(&s.places, &between.triangles))
         };
         let last = self.shapes.len().saturating_sub(1);
+        let volumes: Vec<f64> = (0..self.shapes.len()).map(|k| at(k, volume)).collect();
         let array = |c: &Carried| CarriedArray {
             name: c.name.clone(),
             components: c.components,
@@ -350,7 +383,7 @@ impl Morph<'_> {
                 merge_s: between.times.merge,
                 blend_s: self.seconds[1],
             },
-            verdicts: verdicts(&a, &b, euler),
+            verdicts: [verdicts(&a, &b, euler), on_the_way(&volumes)].concat(),
             a,
             b,
         }

@@ -7,12 +7,13 @@ use serde_json::{Value, json};
 
 use super::audit::{self, RunAudit};
 use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
+use super::plan::Prepared;
 use super::quality::{self, Quality, RunQuality};
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
 use pliant::contact::{Certificate, PartedPair};
 use pliant::mesh::measures::{max_or_nan, median};
-use pliant::scene::Solver;
+use pliant::scene::{Solver, Source, likely_units};
 use pliant::simulation::{Body, Measures, Simulation, VOLUME_HELD};
 
 /// Greatest distance of a muscle from its start at the end of a motion that returns, relative to
@@ -135,8 +136,8 @@ pub(super) fn output(
         format!("without [effects.contact], {crossings} pairs of triangles cross in a frame")
     });
     verdicts.push(certified(&simulation.certificate()));
-    verdicts.extend(simulation.parted.iter().flat_map(start_verdicts));
-    let cuts = simulation.bodies.iter().filter_map(cut);
+    verdicts.extend(start_checks(simulation));
+    verdicts.extend(simulation.bodies.iter().filter_map(cut));
     verdicts.extend(muscles.iter().flat_map(|muscle| {
         let limits = &simulation.scene.limits;
         let all = quality::verdicts(&muscle.quality, limits, muscle.length_m);
@@ -145,6 +146,7 @@ pub(super) fn output(
     let plot = |plot| Plot { file: None, plot };
     let mut tables = shown::tables(&muscles, &record, &solver(&simulation.scene.solver));
     tables.push(audit::table(&audit.summary));
+    tables.extend(Prepared::new(simulation).tables());
     tables.retain(|t| !t.rows.is_empty());
     let plots = shown::plots(&muscles, &simulation.plan, &record);
     RunOutput {
@@ -165,12 +167,11 @@ pub(super) fn output(
         }),
         verdicts,
         notes: (simulation.notes.iter().cloned())
-            .chain(cuts)
             .chain(uncounted)
             .chain([audit.note()])
             .collect(),
         certificate: Some(certificate(&simulation.certificate())),
-        start: Some(simulation.parted.iter().map(start).collect()),
+        start: Some(starts(simulation)),
         text: shown::text(&muscles),
         tables,
         audit: Some(audit.measures()),
@@ -199,6 +200,11 @@ fn certificate(counts: &Certificate) -> Value {
         "open": counts.open,
         "least_gap_m": counts.least_gap.is_finite().then_some(counts.least_gap),
     })
+}
+
+/// The pairs of surfaces that were parted before the start.
+pub(super) fn starts(simulation: &Simulation) -> Value {
+    simulation.parted.iter().map(start).collect()
 }
 
 /// A pair of surfaces that was parted before the start.
@@ -273,16 +279,13 @@ impl Delivered {
     }
 }
 
-/// A note on clamped velocities: numbers stay finite, but the motion is not that of the scene.
-fn cut(body: &Body) -> Option<String> {
+/// The check that no velocity was limited: numbers stay finite, but the motion is not that of the scene.
+fn cut(body: &Body) -> Option<Verdict> {
     let (cuts, limit) = (body.system.speed_cuts, body.system.settings.speed_limit);
-    let too_much = "forces, displacements or motions are too large";
-    (cuts > 0).then(|| {
-        format!(
-            "{}: velocities were cut to {limit:.0} m/s {cuts} times: {too_much}",
-            body.name
-        )
-    })
+    let name = format!("velocities that were cut to {limit:.0} m/s");
+    let check = Verdict::none(name, cuts as usize).at(body.name.as_str());
+    (cuts > 0)
+        .then(|| check.else_do("forces, displacements, motions or the frame rate are too large"))
 }
 
 /// The solver and its settings in one line.
@@ -375,10 +378,87 @@ pub const TORN: f64 = 4.0;
 /// Greatest share of an attachment that is free, as the motion would carry it into another bone: what
 /// remains of a smaller part is not the attachment that was asked for.
 const FREED: f64 = 0.5;
+/// Greatest distance of a fibre outside its muscle, relative to the muscle's length: a surface that is
+/// remeshed and leaves its bones moves by less than 2 % of it.
+const OUTSIDE: f64 = 0.05;
 const TURN_RIGHT: &str = "look at the axis and the centre of the joint; if they are right, hold a place \
                           away from the other bone (a patch or `vertices`)";
 const HOLD_FEWER: &str = "if two bones hold vertices near each other, hold fewer (`limit`, `near`, \
                           `within`), or by patches that do not meet";
+
+/// The checks of a scene before its first frame.
+pub(super) fn start_checks(simulation: &Simulation) -> Vec<Verdict> {
+    let of_muscles = (0..simulation.bodies.len()).flat_map(|m| attachment_checks(simulation, m));
+    let parted = simulation.parted.iter().flat_map(start_verdicts);
+    let sizes = sizes(simulation);
+    let fibres = fibre_checks(simulation);
+    of_muscles
+        .chain(parted)
+        .chain(sizes)
+        .chain(fibres)
+        .collect()
+}
+
+/// The checks that surfaces from files have the size of a part of a body: their unit may be wrong.
+fn sizes(simulation: &Simulation) -> Vec<Verdict> {
+    let scene = &simulation.scene;
+    let bones = scene.bones.iter().zip(&simulation.bones);
+    let bones = bones.map(|(bone, mesh)| (&bone.name, &bone.surface, mesh.length()));
+    let muscles = scene.muscles.iter().zip(&simulation.bodies);
+    let muscles = muscles.map(|(muscle, body)| (&muscle.name, &muscle.surface, body.length));
+    let all = bones.chain(muscles);
+    all.filter(|(_, source, _)| matches!(source, Source::File { .. }))
+        .filter_map(|(name, _, length)| size(name, length))
+        .collect()
+}
+
+/// The check of the length [m] of a surface; `None` for a part of a body.
+fn size(name: &str, length: f64) -> Option<Verdict> {
+    let likely = likely_units(length);
+    if likely.iter().any(|(unit, _)| *unit == "m") {
+        return None;
+    }
+    let check = Verdict::new("its length is that of a part of a body", false)
+        .with_value(length)
+        .in_unit("m")
+        .at(name);
+    Some(check.else_do("correct `unit`; `pliant check FILE` says which units are likely"))
+}
+
+/// The checks that fibres from files lie in their muscles.
+fn fibre_checks(simulation: &Simulation) -> impl Iterator<Item = Verdict> + '_ {
+    let muscles = simulation.scene.muscles.iter().zip(&simulation.bodies);
+    let read = muscles.filter(|(muscle, _)| {
+        let source = muscle.fibres.as_ref();
+        source.is_some_and(|source| !matches!(source, Source::Shape(_)))
+    });
+    read.map(|(muscle, body)| {
+        let name = "distance of the fibres from the muscle, relative to its length";
+        let outside = Verdict::at_most(name, body.fibres.outside / body.length, OUTSIDE);
+        let cure = "take the fibres of this muscle (`fibres.lines`), and check their `unit`";
+        outside.at(muscle.name.as_str()).else_do(cure)
+    })
+}
+
+/// The checks of a muscle's attachments.
+fn attachment_checks(simulation: &Simulation, m: usize) -> Vec<Verdict> {
+    let scene = &simulation.scene;
+    let name = &scene.muscles[m].name;
+    let mut all = Vec::new();
+    if let Some((edges, length, bones)) = simulation.held_apart(m) {
+        let [one, other] = bones.map(|bone| scene.bones[bone].name.as_str());
+        let what = "greatest length of an edge between attachments, relative to that at rest";
+        let apart = Verdict::at_most(what, length, APART).else_do(HOLD_FEWER);
+        all.push(apart.at(format!("{name}, {edges} edges, between {one} and {other}")));
+    }
+    if let Some((share, bones)) = simulation.most_freed(m) {
+        let [held, other] = bones.map(|bone| scene.bones[bone].name.as_str());
+        let what = "share of an attachment that the motion would carry into another bone";
+        let freed = Verdict::at_most(what, share, FREED).else_do(TURN_RIGHT);
+        all.push(freed.at(format!("{name}, on {held}, into {other}")));
+    }
+    all
+}
 
 /// The checks of a muscle of this scene.
 fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verdict> {
@@ -416,22 +496,6 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
         let strain = Verdict::at_most(name, s.edge_stretch_max, TORN);
         say(strain.else_do(HOLD_FEWER));
     }
-    if let Some((edges, length, bones)) = simulation.held_apart(m) {
-        let [one, other] = bones.map(|bone| scene.bones[bone].name.as_str());
-        let name = "greatest length of an edge between attachments, relative to that at rest";
-        let apart = Verdict::at_most(name, length, APART).else_do(HOLD_FEWER);
-        all.push(apart.at(format!(
-            "{}, {edges} edges, between {one} and {other}",
-            s.name
-        )));
-    }
-    if let Some((share, bones)) = simulation.most_freed(m) {
-        let [held, other] = bones.map(|bone| scene.bones[bone].name.as_str());
-        let name = "share of an attachment that the motion would carry into another bone";
-        let freed = Verdict::at_most(name, share, FREED).else_do(TURN_RIGHT);
-        all.push(freed.at(format!("{}, on {held}, into {other}", s.name)));
-    }
-    let mut say = |verdict: Verdict| all.push(verdict.at(s.name.as_str()));
     if !plan.obstacles.is_empty() {
         let deep = Verdict::none(
             "vertices deeper than 0.01 mm in a bone",

@@ -133,11 +133,19 @@ impl Stage {
     }
 }
 
+/// What the colours of muscles show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shown {
+    Stretch,
+    Attached,
+}
+
 /// Draws all pictures of one run with the same view and colours.
 #[derive(Debug)]
 pub struct Painter<'a> {
     cast: &'a SceneDescription,
     stage: Stage,
+    shown: Shown,
 }
 
 impl<'a> Painter<'a> {
@@ -154,6 +162,7 @@ impl<'a> Painter<'a> {
         Some(Self {
             cast,
             stage: Stage::new(cast, first, &bounds, covered),
+            shown: Shown::Stretch,
         })
     }
 
@@ -162,7 +171,26 @@ impl<'a> Painter<'a> {
         Self {
             cast,
             stage: stage.clone(),
+            shown: Shown::Stretch,
         }
+    }
+
+    /// The muscles from three sides, with the vertices that bones hold in another colour.
+    pub fn of_attachments(&self, shot: &FrameState) -> Frame {
+        let seen = self.stage.sides().map(|(name, stage)| {
+            let painter = Painter {
+                cast: self.cast,
+                stage: Stage {
+                    range: (0.0, 1.0),
+                    ..stage
+                },
+                shown: Shown::Attached,
+            };
+            let mut frame = painter.paint(shot, Canvas::new(TURNED.0, TURNED.1));
+            frame.title(&format!("from {name}; yellow: held"), TextStyle::Small);
+            frame
+        });
+        Frame::beside(&seen, 2, [1.0; 3])
     }
 
     /// A picture for the report.
@@ -255,7 +283,15 @@ impl<'a> Painter<'a> {
     pub fn paint(&self, shot: &FrameState, canvas: Canvas) -> Frame {
         let range = self.stage.range;
         let camera = Camera::fit(self.stage.focus.iter().copied(), &self.stage.view, canvas);
-        let values = stretches(self.cast, shot);
+        let values = match self.shown {
+            Shown::Stretch => stretches(self.cast, shot),
+            Shown::Attached => self
+                .cast
+                .bodies
+                .iter()
+                .map(|b| b.attached.clone())
+                .collect(),
+        };
         let posed = |((_, mesh), pose): (
             &(String, pliant::mesh::TriangleMesh),
             &nalgebra::Isometry3<f64>,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::folder::{Folder, FolderError};
-use super::frames::{FrameWriter, Listing};
+use super::frames::{FrameWriter, Listing, Written};
 use super::output::{Picture, RunOutput, SceneRun, Times, Verdict, effects, verdict_table};
 use super::pictures::Painter;
 use super::shots::Shots;
@@ -17,7 +17,8 @@ use pliant::mesh::measures::median;
 use pliant::progress::Progress;
 use pliant::scene::Content;
 use pliant::simulation::{
-    Ended, FrameState, Observer, Plan, Scenario, ScenarioKind, SceneDescription, run,
+    BodyDescription, Ended, FrameState, Observer, Plan, Scenario, ScenarioKind, SceneDescription,
+    run,
 };
 use pliant_render::{PictureError, to_gif};
 
@@ -34,9 +35,12 @@ pub struct RunOptions {
     pub settings: Vec<(String, String)>,
 }
 
+/// The main files of every run.
+pub const FILES: [&str; 3] = ["report.html", "summary.json", "measures.csv"];
+
 /// The names of the main files of a run, to be checked before it.
 pub fn files(scene: &Content) -> Vec<String> {
-    let common = ["report.html", "summary.json", "measures.csv"].map(str::to_owned);
+    let common = FILES.map(str::to_owned);
     let own = match scene {
         Content::Skin(scene) => skin::files(scene),
         _ => Vec::new(),
@@ -95,8 +99,8 @@ impl Frames {
         )
     }
 
-    /// Passes a frame to the writer. Returns false after an error of the writer, which
-    /// [`Self::finish`] returns.
+    /// Passes a frame to the writer. Returns false after an error of the writer, which turns a verdict
+    /// of [`Self::finish`] red.
     pub(super) fn add(&mut self, state: FrameState, severity: f64) -> bool {
         let state = Arc::new(state);
         self.shots.add(&state, severity);
@@ -148,15 +152,15 @@ impl Frames {
             begun,
             ..
         } = self;
+        let Written { collection, error } = writer.finish();
         let series = format!("{}.pvd", file_name(scenario.name()));
         let path = folder.claim(&series)?;
-        writer
-            .finish()?
+        collection
             .write(&path)
             .map_err(|source| FolderError::Io { path, source })?;
         let animation = write_animation(scenario, &folder, &scene, &shots)?;
         let (finish_s, own_run) = (finishing.elapsed().as_secs_f64(), own.scene.take());
-        let scene_run = scene_run(scenario, own_run, ended, (prepare_s, finish_s));
+        let mut scene_run = scene_run(scenario, own_run, ended, (prepare_s, finish_s));
         let mut output = RunOutput {
             name: scenario.name().to_owned(),
             interrupted: *ended == Ended::Interrupted,
@@ -169,14 +173,22 @@ impl Frames {
         output.verdicts.extend(
             failure(ended).map(|why| Verdict::new("every frame can be computed", false).at(why)),
         );
+        if let Some(error) = error {
+            let why = format!("a frame is missing: {error}");
+            output.verdicts.push(
+                Verdict::new("every frame can be written", false)
+                    .at(&why)
+                    .else_do("the frames before it are complete, and the collection lists them"),
+            );
+            scene_run.stopped.get_or_insert(why);
+        }
         output.subtitle = subtitle(&output, &scene_run);
         let checks = verdict_table(&output.verdicts).to_text();
         output.text = format!(
             "{}: {}\n\n{checks}{}",
             output.name, output.subtitle, output.text
         );
-        let severity = scenario.severity_name();
-        output.pictures.extend(pictures(&scene, &shots, severity)?);
+        output.pictures.extend(pictures(scenario, &scene, &shots)?);
         output.tables.extend(
             tables_of(scenario, settings)
                 .into_iter()
@@ -337,9 +349,9 @@ fn write_animation(
 
 /// Pictures of the first, the worst and the last frame.
 fn pictures(
+    scenario: &dyn Scenario,
     scene: &SceneDescription,
     shots: &Shots,
-    severity: &str,
 ) -> Result<Vec<Picture>, PictureError> {
     let Some(painter) = Painter::new(scene, shots) else {
         return Ok(Vec::new());
@@ -349,6 +361,7 @@ fn pictures(
     } else {
         ""
     };
+    let severity = scenario.severity_name();
     let worst = shots.worst.as_ref().map(|(_, shot)| shot);
     let mut pictures = Vec::new();
     for (file, caption, shot) in [
@@ -364,6 +377,21 @@ fn pictures(
                 wide: false,
             });
         }
+    }
+    let is_muscle = matches!(scenario.kind(), ScenarioKind::Muscles(_));
+    let is_held =
+        |body: &BodyDescription| is_muscle && body.attached.iter().any(|&held| held > 0.0);
+    if let Some(first) = shots
+        .first
+        .as_ref()
+        .filter(|_| scene.bodies.iter().any(is_held))
+    {
+        pictures.push(Picture {
+            file: "attachments.png".to_owned(),
+            caption: "The start, and where bones hold the muscles".to_owned(),
+            bytes: painter.of_attachments(first).to_png()?,
+            wide: true,
+        });
     }
     Ok(pictures)
 }

@@ -197,6 +197,11 @@ fn not_loaded(error: &LoadError) -> Ended {
     match error {
         LoadError::Unfit(unfit) => refused(unfit.scene_error()),
         LoadError::Read(_) => Ended::Refused(format!("mesh: {error}")),
+        LoadError::Several(all) => {
+            let mut ends: Vec<Ended> = all.iter().map(not_loaded).collect();
+            let found = ends.iter().position(|end| matches!(end, Ended::Found(_)));
+            ends.swap_remove(found.unwrap_or(0))
+        }
     }
 }
 

@@ -98,7 +98,7 @@ fn sources(scene: &Scene) -> impl Iterator<Item = &Source> {
 fn path_of(source: &Source) -> Option<&PathBuf> {
     match source {
         Source::File { path, .. } => Some(path),
-        Source::Shape(_) => None,
+        Source::Shape(_) | Source::Given { .. } => None,
     }
 }
 

@@ -565,7 +565,7 @@ fn what_cannot_be_is_refused() {
         ),
         (
             &["--origin", "near:femur.obj,5"],
-            "--origin: the distance in `near:femur.obj,5`: `5` has no unit; write \"5 m\"",
+            "--origin: the distance in `near:femur.obj,5`: `5` has no unit; write \"5 mm\"",
         ),
         (&["--origin", "near:femur.obj,5mm"], "femur.obj"),
         (

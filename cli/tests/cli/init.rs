@@ -208,7 +208,7 @@ fn what_is_not_certain_is_refused_with_the_option_that_decides() {
 }
 
 /// The measured bones and muscles, if they are here.
-fn measured() -> Option<PathBuf> {
+pub(super) fn measured() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let folder = std::env::var_os("PLIANT_DATA")
         .map_or(beside, PathBuf::from)

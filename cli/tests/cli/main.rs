@@ -4,13 +4,17 @@ mod audit;
 mod biceps;
 mod check;
 mod contact;
+mod data;
 mod fibres;
+mod folder;
 mod implant;
 mod init;
 mod moment_arms;
 mod morph;
 #[cfg(unix)]
 mod page;
+mod plan;
+mod recomputed;
 mod register;
 mod resume;
 mod schema;
@@ -20,6 +24,7 @@ mod stress;
 mod study;
 mod verdicts;
 mod view;
+mod wrong;
 
 use std::fs;
 use std::path::Path;
@@ -116,10 +121,31 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
     fs::write(&garbage, "v 1 2\nf 1 2 9\n").unwrap();
     let scene = scratch.join("scene.toml");
     fs::write(&scene, "frames = 3\nfarme_rate = \"60 Hz\"\n").unwrap();
-    let (garbage, scene) = (shown(&garbage), shown(&scene));
+    let study = scratch.join("study.toml");
+    fs::write(&study, "scene = \"chain\"\n[vary]\nframes = [1, 2]\n").unwrap();
+    let (garbage, scene, study) = (shown(&garbage), shown(&scene), shown(&study));
     let below = scratch.join("scene.toml/below");
     let here = shown(&scratch);
-    let cases: [(&[&str], &[&str]); 19] = [
+    let cases: [(&[&str], &[&str]); 23] = [
+        (
+            &["run", garbage],
+            &["is a mesh, not a scene", "pliant init"],
+        ),
+        (
+            &["plan", study],
+            &["is a study, not a scene", "pliant study"],
+        ),
+        (
+            &["run", "hip", "--accuracy", "1"],
+            &[
+                "`1` has no unit",
+                "\"1 %\" of a muscle's length, or \"1 mm\"",
+            ],
+        ),
+        (
+            &["plan", "hip", "--set", "bone.femur.motion.keys.1.angle=90"],
+            &["write \"90 deg\""],
+        ),
         (&["run", here], &["is a folder", "E060", "pliant scenes"]),
         (
             &["run", "distance", "--out", shown(&below)],
@@ -217,6 +243,7 @@ fn every_command_has_help_with_an_example() {
         &["run", "--help"],
         &["plan", "--help"],
         &["scenes", "--help"],
+        &["data", "--help"],
         &["contact", "--help"],
         &["accuracy", "--help"],
         &["springs", "--help"],
@@ -261,7 +288,12 @@ fn small_scenes_leave_whole_files() {
             assert!(table.lines().all(|l| l.split(',').count() == columns));
         }
         let (table, page) = turntable(&fs::read_to_string(out.join("report.html")).unwrap());
-        assert_eq!(page.matches("data:image/png;base64,").count(), 3, "{scene}");
+        // Of the attachments, too, where a bone holds vertices.
+        assert_eq!(
+            page.matches("data:image/png;base64,").count(),
+            3 + bones,
+            "{scene}"
+        );
         assert_eq!(
             table.matches("src=\"data:image/png;base64,").count(),
             1,
@@ -373,14 +405,7 @@ fn quiet_hides_everything_but_failures() {
 }
 
 #[test]
-fn plan_and_scenes_speak_json() {
-    let plan: Value = serde_json::from_slice(&run(&["plan", "distance", "--json"]).stdout).unwrap();
-    let effects = &measures(&plan)["effects"];
-    assert_eq!(effects["run"][0]["effect"], "stretch");
-    let left_out = effects["left_out"].as_array();
-    assert!(left_out.is_some_and(|l| !l.is_empty()));
-    let table = text(&run(&["plan", "distance"]).stdout);
-    assert!(table.contains("stretch") && table.contains("the scene has no [effects.contact]"));
+fn scenes_speak_json() {
     let scenes: Value = serde_json::from_slice(&run(&["scenes", "--json"]).stdout).unwrap();
     for scene in measures(&scenes)["scenes"].as_array().unwrap() {
         let name = scene["name"].as_str().unwrap();
@@ -639,26 +664,25 @@ fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
 }
 
 #[test]
-fn velocities_that_were_limited_are_reported() {
+fn velocities_that_were_limited_are_red() {
     let scratch = Scratch::folder();
     let fly = |force: &str| {
         let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");
         // Without edges the vertex does not return.
         let set = ["--set", &force, "--set", "effects.stretch=off"];
-        text(
-            &run_into(
-                &scratch.join("out"),
-                &[&["distance", "--frames", "2"][..], &set].concat(),
-            )
-            .stdout,
-        )
+        let out = scratch.join("out");
+        let given = ["run", "distance", "--frames", "2", "--out", shown(&out)];
+        let done = run(&[&given[..], &set].concat());
+        (done.status.code(), text(&done.stderr))
     };
-    let words = fly("1e6 N");
+    let (code, words) = fly("1e6 N");
+    assert_eq!(code, Some(1), "{words}");
     assert!(
-        words.contains("note: muscle: velocities were cut to") && words.contains("too large"),
+        words.contains("muscle: velocities that were cut to") && words.contains("too large"),
         "{words}"
     );
-    assert!(!fly("10 N").contains("velocities were cut"));
+    let (code, words) = fly("10 N");
+    assert!(code == Some(0) && !words.contains("velocities"), "{words}");
 }
 
 /// The points of a frame that `pliant` wrote: the first block of its appended data.

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::crossing::Piercing;
-use super::sides::Sides;
+
 use super::solid::Solid;
 use crate::contact::OnTriangle;
 
@@ -51,7 +51,7 @@ pub(super) struct Pair<'a> {
     /// Greatest motion in one round [m].
     pub most: f64,
     /// Vertices of `a` that must leave `b` on a given side.
-    pub sides: &'a Sides,
+    pub sides: &'a [Option<Vector3<f64>>],
 }
 
 impl Pair<'_> {

@@ -85,6 +85,34 @@ impl Meeting {
         }
     }
 
+    /// Adds what the volume of soft surface `member` would have moved each of its vertices against
+    /// [`Self::blocked`] [m] to the load of the pairs that block it, by their share in its corrections.
+    pub fn bear(&mut self, member: usize, withheld: impl Fn(u32) -> Vector3<f64>) {
+        // Nothing but friction needs the load.
+        if !(self.settings.friction > 0.0) {
+            return;
+        }
+        let mut blocked = Vec::new();
+        for (at, row) in self.rows.iter().enumerate() {
+            let by = row.correction(&self.mass);
+            for (k, away) in row.blocked(&self.mass).filter(|_| row.is_pushed()) {
+                if let Some(v) = self.members[member].local(row.corners[k]) {
+                    blocked.push((v, by[k], away, at, row.weights[k].abs() * row.push));
+                }
+            }
+        }
+        let mut moved = vec![0.0; self.members[member].count];
+        blocked
+            .iter()
+            .for_each(|(v, by, ..)| moved[*v as usize] += by);
+        for (v, _, away, at, push) in blocked {
+            let load = (-withheld(v).dot(&away)).max(0.0);
+            if load > 0.0 {
+                self.rows[at].push += load * push / moved[v as usize];
+            }
+        }
+    }
+
     /// Velocities lose the motion of corrections along the normal, and friction slows sliding; both
     /// as impulses of equal size and opposite direction.
     pub fn end_step(&mut self, bodies: &mut [&mut [Vector3<f64>]], dt: f64) {
@@ -134,11 +162,30 @@ impl Row {
         std::array::from_fn(|k| (self.corners[k], self.normal * (self.weights[k] * self.push)))
     }
 
-    /// The corners that the contact touches, each with the direction away from the other part.
-    pub fn directions(&self) -> impl Iterator<Item = (u32, Vector3<f64>)> + '_ {
-        let each = self.corners.iter().zip(&self.weights);
-        each.filter(|(_, w)| **w != 0.0)
-            .map(|(&v, w)| (v, self.normal * w.signum()))
+    /// The indices of corners whose other part is fixed, without inverse `mass`; each with the
+    /// direction away from that part.
+    fn blocked(&self, mass: &[f64]) -> impl Iterator<Item = (usize, Vector3<f64>)> + use<> {
+        let Self {
+            normal, weights, ..
+        } = *self;
+        let free = self.corners.map(|v| mass[v as usize] > 0.0);
+        let is_free = move |other: f64| (0..4).any(|k| weights[k] * other < 0.0 && free[k]);
+        (0..4)
+            .filter(move |&k| weights[k] != 0.0 && !is_free(weights[k]))
+            .map(move |k| (k, normal * weights[k].signum()))
+    }
+
+    /// The corners that something fixed blocks, each with the direction in which it may go.
+    pub fn directions(&self, mass: &[f64]) -> impl Iterator<Item = (u32, Vector3<f64>)> + use<> {
+        let corners = self.corners;
+        self.blocked(mass).map(move |(k, away)| (corners[k], away))
+    }
+
+    /// How far the pushes of this step have moved each corner [m].
+    fn correction(&self, mass: &[f64]) -> [f64; 4] {
+        let w = self.corners.map(|v| mass[v as usize]);
+        let share = self.share(&w).unwrap_or(0.0);
+        std::array::from_fn(|k| w[k] * self.weights[k].abs() * share * self.push)
     }
 
     /// Pushes the pair apart if it is nearer by more than `slack`, at most by `most` [m]. Returns the
@@ -186,8 +233,10 @@ impl Row {
         let along = relative.dot(&self.normal);
         let sliding = relative - self.normal * along;
         let speed = sliding.norm();
-        let mut change = self.normal * -along.max(0.0);
-        let limit = of.settings.friction / dt * self.push;
+        // A push is taken back at most as a whole, and what is taken back was no load.
+        let back = along.max(0.0).min(self.push / dt);
+        let mut change = self.normal * -back;
+        let limit = of.settings.friction * (self.push / dt - back);
         if speed > 0.0 && limit > 0.0 {
             change -= sliding * (limit / speed).min(1.0);
         }

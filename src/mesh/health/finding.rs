@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::{Health, Parts};
 use crate::format::counted;
-use crate::mesh::TriangleMesh;
+use crate::mesh::{TriangleMesh, nesting};
 
 /// Kinds of defects. `E`: a simulation rejects the surface; `W`: a warning only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -386,7 +386,29 @@ fn rims(found: &mut Found<'_>, parts: &Parts) {
 fn inside_out(found: &mut Found<'_>, parts: &Parts, health: &Health) {
     // The volume is an inside only for a closed, consistently oriented surface.
     let decided = parts.topology.is_closed() && parts.topology.is_oriented();
-    if decided && (health.volume <= 0.0 || health.volume.is_nan()) {
+    if !decided {
+        return;
+    }
+    let mesh = found.mesh;
+    let inward = nesting::inward(&mesh.vertices, &mesh.triangles, &parts.topology);
+    if let (Some(piece), true) = (inward.first(), health.components > 1) {
+        let what = format!(
+            "{} of {} closed pieces turned inward, the first with a volume of {:e}",
+            inward.len(),
+            health.components,
+            piece.volume,
+        );
+        let triangles = piece.triangles.iter().take(1).map(|t| *t as u32).collect();
+        found.add(
+            FindingKind::InsideOut,
+            inward.len(),
+            what,
+            Vec::new(),
+            triangles,
+        );
+        return;
+    }
+    if health.volume <= 0.0 || health.volume.is_nan() {
         let what = match health.volume {
             volume if volume < 0.0 => {
                 format!("the enclosed volume is {volume:e}: triangles are turned inward")

@@ -303,9 +303,29 @@ fn pieces_face_outward_and_keep_what_they_are_within() {
         let mut mesh = cube();
         append(&mut mesh, &inner, Vector3::zeros());
         assert_eq!(plain(&mesh).mesh, mesh);
-        let repaired = plain(&turned(mesh));
+        assert!(Health::of(&mesh).is_fit());
+        let mesh = turned(mesh);
+        assert!(!Health::of(&mesh).is_fit());
+        let repaired = plain(&mesh);
+        assert!(Health::of(&repaired.mesh).is_fit());
         assert_eq!(repaired.mesh.volume(), volume);
     }
+    let mut apart = cube();
+    append(&mut apart, &turned(cube()), Vector3::x() * 3.0);
+    // Volumes that cancel, or nearly: each piece is judged on its own.
+    let health = Health::of(&apart);
+    assert_eq!(health.volume, 0.0);
+    let found: Vec<_> = health.findings.iter().map(|f| f.kind.code()).collect();
+    assert_eq!(found, ["E038", "W013"], "{}", health.findings[0].message);
+    append(&mut apart, &cube(), Vector3::x() * 6.0);
+    let health = Health::of(&apart);
+    assert!(health.volume > 0.9 && !health.is_fit());
+    let message = "1 of 3 closed pieces turned inward, the first with a volume of -1e0 at (";
+    assert!(
+        health.findings[0].message.starts_with(message),
+        "{}",
+        health.findings[0].message
+    );
     let mut apart = cube();
     append(&mut apart, &turned(cube()), Vector3::x() * 3.0);
     let repaired = plain(&apart);

@@ -11,7 +11,7 @@ use crate::scene::{AreaSpec, Scene};
 use crate::simulation::assets::Assets;
 use crate::simulation::attachments::{self, Attached, Freed};
 use crate::simulation::course::Course;
-use crate::simulation::fault::{Fault, LoadError};
+use crate::simulation::fault::{Fault, LoadError, all_of};
 use crate::simulation::ready::Rest;
 use crate::solvers::Held;
 
@@ -22,87 +22,10 @@ pub(in crate::simulation) fn attach(
     assets: &Assets,
     placed: &[PosedObstacle],
 ) -> Result<(Vec<Attached>, Vec<Freed>), LoadError> {
-    let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
-    let (mut choices, mut freed) = (Vec::new(), Vec::new());
-    let edge = mesh.median_edge_length(&rest.topology()).unwrap_or(0.0);
-    for (a, (attachment, patch)) in muscle
-        .attachments
-        .iter()
-        .zip(&assets.patches[m])
-        .enumerate()
-    {
-        let bone = attachment.bone;
-        let part = || {
-            format!(
-                "attachment of muscle `{}` to `{}`",
-                muscle.name, placed[bone].name
-            )
-        };
-        let key = format!("muscle.{m}.attachment.{a}");
-        let obstacle = match patch {
-            Some(patch) => assets.ready.surface(patch) as Arc<dyn Obstacle>,
-            None => placed[bone].obstacle.clone(),
-        };
-        let near = || rest.near(&obstacle, &placed[bone].now);
-        let course = Course::new(scene, bone, placed, edge);
-        let mut carried = Vec::new();
-        let found = match (&attachment.area, patch) {
-            (AreaSpec::Vertices(list), _) => {
-                check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some()).map_err(
-                    |(at, fault)| {
-                        LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault)
-                    },
-                )?;
-                list.clone()
-            }
-            (AreaSpec::Near(within), _) => {
-                let most = (*within, attachment.limit);
-                attachments::among(&near().closest, true, most, |v| {
-                    course.stays_out(&mesh.vertices[v as usize], &mut carried)
-                })
-            }
-            (AreaSpec::Patch { within, .. }, Some(_)) => {
-                let most = (*within, attachment.limit);
-                attachments::among(&near().closest, false, most, |v| {
-                    course.stays_out(&mesh.vertices[v as usize], &mut carried)
-                })
-            }
-            (AreaSpec::Patch { .. }, None) => Vec::new(),
-        };
-        if let Some(&(other, frame)) = carried.first() {
-            if found.is_empty() {
-                let (bone, area) = (placed[other].name.clone(), area_key(patch.is_some()));
-                let fault = Fault::CarriedInto { bone, frame };
-                return Err(LoadError::new(
-                    scene,
-                    &format!("{key}.{area}"),
-                    part(),
-                    fault,
-                ));
-            }
-            freed.push(Freed {
-                muscle: m,
-                bones: [bone, other],
-                frame,
-                free: carried.len(),
-                held: found.len(),
-            });
-        }
-        if found.is_empty() {
-            let near = near();
-            let distances = near.closest.iter().flatten().map(|c| c.distance.abs());
-            let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
-            let area = area_key(patch.is_some());
-            let fault = Fault::NothingAttached { nearest_mm };
-            return Err(LoadError::new(
-                scene,
-                &format!("{key}.{area}"),
-                part(),
-                fault,
-            ));
-        }
-        choices.push((bone, found));
-    }
+    let mesh = &rest.mesh;
+    let all = 0..scene.muscles[m].attachments.len();
+    let found = all_of(all.map(|a| attach_at(scene, (m, a), rest, assets, placed)))?;
+    let (choices, freed): (Vec<_>, Vec<_>) = found.into_iter().unzip();
     let attached = attachments::join(&choices);
     let count = mesh.vertices.len();
     // A few points (the tetrahedron scenes) may be fixed deliberately.
@@ -114,11 +37,86 @@ pub(in crate::simulation) fn attach(
         return Err(LoadError::new(
             scene,
             &format!("muscle.{m}.attachment"),
-            format!("muscle `{}`", muscle.name),
+            format!("muscle `{}`", scene.muscles[m].name),
             fault,
         ));
     }
-    Ok((attached, freed))
+    Ok((attached, freed.into_iter().flatten().collect()))
+}
+
+/// The bone of an attachment, its vertices, and what of it is not held.
+type Found = ((usize, Vec<u32>), Option<Freed>);
+
+/// The vertices of attachment `a` of muscle `m`.
+fn attach_at(
+    scene: &Scene,
+    (m, a): (usize, usize),
+    rest: &Rest,
+    assets: &Assets,
+    placed: &[PosedObstacle],
+) -> Result<Found, LoadError> {
+    let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
+    let (attachment, patch) = (&muscle.attachments[a], &assets.patches[m][a]);
+    let edge = mesh.median_edge_length(&rest.topology()).unwrap_or(0.0);
+    let bone = attachment.bone;
+    let unfit = |key: &str, fault| {
+        let (of, to) = (&muscle.name, &placed[bone].name);
+        let part = format!("attachment of muscle `{of}` to `{to}`");
+        LoadError::new(
+            scene,
+            &format!("muscle.{m}.attachment.{a}.{key}"),
+            part,
+            fault,
+        )
+    };
+    let (is_solid, within) = match &attachment.area {
+        AreaSpec::Vertices(list) => {
+            check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some())
+                .map_err(|(at, fault)| unfit(&format!("vertices.{at}"), fault))?;
+            return Ok(((bone, list.clone()), None));
+        }
+        AreaSpec::Near(within) => (true, *within),
+        AreaSpec::Patch { within, .. } => (false, *within),
+    };
+    let obstacle = match patch {
+        Some(patch) => assets.ready.surface(patch) as Arc<dyn Obstacle>,
+        None => placed[bone].obstacle.clone(),
+    };
+    let near = rest.near(&obstacle, &placed[bone].now);
+    let course = Course::new(scene, bone, placed, edge);
+    let mut carried = Vec::new();
+    let most = (within, attachment.limit);
+    let found = attachments::among(&near.closest, is_solid, most, |v| {
+        course.stays_out(&mesh.vertices[v as usize], &mut carried)
+    });
+    let area = area_key(patch.is_some());
+    let freed = carried.first().map(|&(other, frame)| Freed {
+        muscle: m,
+        bones: [bone, other],
+        frame,
+        free: carried.len(),
+        held: found.len(),
+    });
+    if let (true, Some(freed)) = (found.is_empty(), &freed) {
+        let (bone, frame) = (placed[freed.bones[1]].name.clone(), freed.frame);
+        return Err(unfit(area, Fault::CarriedInto { bone, frame }));
+    }
+    if found.is_empty() {
+        let everyone = (within, 1.0);
+        let near_enough = attachments::among(&near.closest, is_solid, everyone, |_| true).len();
+        if near_enough > 0 {
+            let fault = Fault::LimitedToNothing {
+                near: near_enough,
+                count: mesh.vertices.len(),
+                percent: (1e5 * attachment.limit).round() / 1e3,
+            };
+            return Err(unfit("limit", fault));
+        }
+        let distances = near.closest.iter().flatten().map(|c| c.distance.abs());
+        let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
+        return Err(unfit(area, Fault::NothingAttached { nearest_mm }));
+    }
+    Ok(((bone, found), freed))
 }
 
 /// The key with the distance of an attachment.
@@ -178,7 +176,7 @@ pub(super) fn displace(
         displacement
             .vertices
             .iter()
-            .for_each(|&v| particles.position[v as usize] += displacement.by);
+            .for_each(|&v| particles.position[v as usize] += displacement.vector);
     }
     Ok(())
 }
@@ -202,7 +200,7 @@ pub(super) fn forces(
                 )
             },
         )?;
-        all.extend(force.vertices.iter().map(|&v| (v, force.force)));
+        all.extend(force.vertices.iter().map(|&v| (v, force.vector)));
     }
     Ok(all)
 }

@@ -17,7 +17,7 @@ macro_rules! refused {
 refused! {
     e050_bare_number: with("[effects.contact]\nthickness = 0.5\n") =>
         "s.toml:10:13: error[E050]: effects.contact.thickness: `0.5` has no unit; \
-         write \"0.5 m\"; known units of length: m, dm, cm, mm, um, km, in";
+         write \"0.5 mm\"; known units of length: m, dm, cm, mm, um, km, in";
     e050_bare_text: spoilt("60 Hz", "60") =>
         "s.toml:2:14: error[E050]: frame_rate: `60` has no unit; \
          write \"60 1/s\"; known units of rate: 1/s, Hz, kHz, 1/ms";
@@ -29,7 +29,7 @@ refused! {
          write `unit = \"m\"`, \"cm\" or \"mm\" below it; known units of length: m, dm, cm, mm, um, km, in";
     e050_limit: with("[limits]\njitter = 0.1\n") =>
         "s.toml:10:10: error[E050]: limits.jitter: `0.1` has no unit; \
-         write \"0.1 m\"; known units of length: m, dm, cm, mm, um, km, in";
+         write \"0.1 mm\"; known units of length: m, dm, cm, mm, um, km, in";
     e051_thickness: with("[limits]\nthickness = 2\n") =>
         "s.toml:10:13: error[E051]: limits.thickness: `2` is not allowed here; give a number from 0 to 1";
     e051_angle: with("[limits]\nhinge = '-5 deg'\n") =>
