@@ -76,6 +76,19 @@ pub fn self_crossings(surface: Crossed<'_>, listed: usize) -> Crossings {
     search(surface, surface.triangles.len(), listed, near)
 }
 
+/// All crossings of a surface with itself, as it is: coincident vertices stay apart.
+pub(crate) fn crossings_of(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Crossings {
+    let flat = |t: &[u32; 3]| predicates::is_flat(&t.map(|v| vertices[v as usize]));
+    let surface = Crossed {
+        vertices,
+        triangles,
+        names: &(0..vertices.len() as u32).collect::<Vec<_>>(),
+        skipped: &triangles.par_iter().map(flat).collect::<Vec<_>>(),
+        tree: &SurfaceTree::new(vertices, triangles),
+    };
+    self_crossings(surface, usize::MAX)
+}
+
 /// All pairs of a triangle of `first` and a triangle of `second` that share a point; at most `listed`
 /// of them are named.
 pub fn crossings_between(first: Crossed<'_>, second: Crossed<'_>, listed: usize) -> Crossings {

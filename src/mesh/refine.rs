@@ -5,6 +5,7 @@
 //! the new triangles would leave the original surface, or if points of the original (its vertices
 //! and points of its folded edges) would leave the new surface.
 
+mod apart;
 mod working;
 
 use std::f64::consts::TAU;
@@ -13,6 +14,7 @@ use super::closest::SurfaceTree;
 use super::topology::{NONE, Topology};
 use super::{MeshError, TriangleMesh};
 use crate::progress::{Progress, Silent};
+use apart::Outcome;
 use working::{Limits, Working, smallest_sine};
 
 /// Longest edge after a split, in target edge lengths.
@@ -40,6 +42,8 @@ const ENOUGH: usize = 200;
 const ROUNDS: usize = 6;
 /// Greatest number of triangles [1]; a mesh of this size needs about 2 GB during remeshing.
 const MOST_TRIANGLES: f64 = 8e6;
+/// Greatest number of times that places which cross are cut out.
+const CUTS: usize = 3;
 /// Number of edges, vertices or triangles between two checks for cancellation.
 const QUERIES: usize = 1000;
 
@@ -112,8 +116,9 @@ pub enum RefineError {
 ///
 /// A closed mesh stays closed. A boundary keeps its vertices: its edges are split, never collapsed.
 /// Orientation, components and Euler characteristic are unchanged. The surface keeps shorter edges
-/// at details that triangles of this edge length cannot follow within a tenth of it. The result is
-/// deterministic.
+/// at details that triangles of this edge length cannot follow within a tenth of it. Where two sides of a
+/// thin part would cross, they are drawn apart by up to a fifth of an edge, and what is thinner still is
+/// cut off, as a hair; the deviation tells it. The result is deterministic.
 ///
 /// # Errors
 /// A bad edge length, an empty, non-manifold or inconsistently oriented mesh, too many triangles.
@@ -144,12 +149,23 @@ pub(crate) fn refine_patch(
 ) -> Result<(Refined, Vec<u32>), RefineError> {
     let topology = checked(mesh, edge_length)?;
     let original = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
-    let mut working = Working::new(mesh, &topology, &original, edge_length, progress);
-    remesh(&mut working, edge_length);
-    if working.is_stopped() {
-        return Err(RefineError::Stopped);
+    let (mut refined, names, mut drift) =
+        remeshed(mesh, &topology, &original, edge_length, progress)?;
+    for _ in 0..CUTS {
+        match apart::part(&mut refined, edge_length) {
+            Outcome::Clear => break,
+            Outcome::Parted => {}
+            Outcome::Left => {
+                let Some(cut) = apart::without(&refined, edge_length) else {
+                    break;
+                };
+                let topology = Topology::new(&cut);
+                let tree = SurfaceTree::new(&cut.vertices, &cut.triangles);
+                (refined, _, _) = remeshed(&cut, &topology, &tree, edge_length, progress)?;
+            }
+        }
+        drift = apart::farthest(mesh, &refined);
     }
-    let (refined, names, drift) = working.finish();
     let report = measure(mesh, &original, &refined, drift, edge_length, progress)
         .ok_or(RefineError::Stopped)?;
     let mut origin = vec![NONE; refined.vertices.len()];
@@ -169,6 +185,25 @@ pub(crate) fn refine_patch(
         },
         origin,
     ))
+}
+
+/// The new mesh, the name of each vertex of the working one in it, and the greatest deviation of the
+/// original's points.
+type Remeshed = (TriangleMesh, Vec<u32>, f64);
+
+fn remeshed(
+    mesh: &TriangleMesh,
+    topology: &Topology,
+    original: &SurfaceTree,
+    edge_length: f64,
+    progress: &dyn Progress,
+) -> Result<Remeshed, RefineError> {
+    let mut working = Working::new(mesh, topology, original, edge_length, progress);
+    remesh(&mut working, edge_length);
+    if working.is_stopped() {
+        return Err(RefineError::Stopped);
+    }
+    Ok(working.finish())
 }
 
 fn remesh(working: &mut Working<'_>, edge_length: f64) {

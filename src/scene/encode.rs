@@ -131,10 +131,12 @@ impl Encode for repair::RepairOptions {
         let Self {
             merge_within,
             close_holes,
+            cut_handles,
             keep_largest,
         } = self;
         to.field("merge_within", merge_within);
         to.field("close_holes", close_holes);
+        to.field("cut_handles", cut_handles);
         to.field("keep_largest", keep_largest);
     }
 }

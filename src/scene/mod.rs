@@ -74,8 +74,8 @@ use std::sync::Arc;
 use crate::mesh::{TriangleMesh, repair};
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-/// Greatest share of a muscle's vertices that a simulated scene may fix: with more, little is left
-/// to deform.
+/// Greatest share of a muscle's vertices and of its area that a simulated scene may fix: with more,
+/// little is left to deform.
 pub const MOST_HELD: f64 = 0.10;
 
 /// A checked scene of muscles and bones: SI units, every path resolved, every name found.
@@ -95,7 +95,7 @@ pub struct Scene {
     pub muscles: Vec<Muscle>,
     /// How pairs of muscles hold each other; a pair without an entry slides.
     pub interfaces: Vec<Interface>,
-    /// Greatest share of a muscle's vertices that may be fixed; [`MOST_HELD`] for scenes from text.
+    /// Greatest share of a muscle's vertices and area that may be fixed; [`MOST_HELD`] for scenes from text.
     pub most_held: f64,
     /// Effects. An effect that is `None` allocates nothing and runs nothing.
     pub effects: Effects,

@@ -375,7 +375,7 @@ pub(super) fn repair(section: &Section<'_>) -> Result<Option<RepairOptions>, Sce
     let requested = section
         .get("repair")
         .map_or(Ok(false), |item| item.flag())?;
-    let more = ["close_holes", "keep_largest", "merge_within"];
+    let more = ["close_holes", "cut_handles", "keep_largest", "merge_within"];
     if !requested {
         return match more.iter().find_map(|key| section.get(key)) {
             Some(item) => item.fail(SceneProblem::missing(
@@ -389,14 +389,11 @@ pub(super) fn repair(section: &Section<'_>) -> Result<Option<RepairOptions>, Sce
     let close_holes = section
         .get("close_holes")
         .map_or(Ok(0), |item| item.whole(0, longest))?;
+    let length = |key| section.quantity_or(key, Dimension::Length, Limit::NotNegative, 0.0);
     Ok(Some(RepairOptions {
-        merge_within: section.quantity_or(
-            "merge_within",
-            Dimension::Length,
-            Limit::NotNegative,
-            0.0,
-        )?,
+        merge_within: length("merge_within")?,
         close_holes: close_holes as usize,
+        cut_handles: length("cut_handles")?,
         keep_largest: section
             .get("keep_largest")
             .map_or(Ok(false), |item| item.flag())?,

@@ -1,7 +1,9 @@
 //! Independent audit of a frame by exact predicates and winding numbers, without the contact code
-//! and without a solver: crossings of triangles, vertices inside, shared volumes.
+//! and without a solver: crossings of triangles, vertices inside, shared volumes, depths of
+//! rigid surfaces in each other.
 
 mod frame;
+mod rigid;
 mod summary;
 #[cfg(test)]
 mod tests;

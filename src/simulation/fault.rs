@@ -95,8 +95,8 @@ pub enum Fault {
         /// The limit, as a share of the vertices [%].
         percent: f64,
     },
-    /// E073: too many vertices of a muscle are attached.
-    #[error("{held} of {count} vertices are held, more than 10 %")]
+    /// E073: too many vertices of a muscle are attached, and too much of its area.
+    #[error("{held} of {count} vertices are held, more than 10 %, and of the area as well")]
     TooManyAttached {
         /// Number of attached vertices.
         held: usize,

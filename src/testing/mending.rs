@@ -34,6 +34,11 @@ pub fn check_repair(bytes: &[u8]) -> Result<LoadOutcome, Breach> {
             0.0
         },
         close_holes: usize::from(holes % 16),
+        cut_handles: if choice & 4 == 4 {
+            mesh.length() * f64::from(choice) / 256.0
+        } else {
+            0.0
+        },
         keep_largest: choice & 2 == 2,
     };
     let repaired = repair(&mesh, &lines, &options);

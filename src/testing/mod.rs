@@ -7,6 +7,7 @@ mod blocks;
 mod collections;
 mod conformance;
 mod controls;
+mod cubes;
 mod draw;
 mod dual;
 #[cfg(feature = "testing")]
@@ -26,6 +27,7 @@ pub use blocks::block_file;
 pub use collections::check_collection;
 pub use conformance::{Failure, check, check_constraint};
 pub use controls::{BrokenConstraint, CONTROLS};
+pub use cubes::cubes;
 pub use draw::Draw;
 pub use dual::{Dual, TrackedNumber};
 pub use loaders::{

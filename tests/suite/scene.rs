@@ -477,7 +477,7 @@ fn wrong_overrides_name_themselves() {
         (
             "muscle.0=3",
             "error[E068]: muscle: `muscle.0` is a section, not a value; name one of its keys: name, mesh, \
-          shape, unit, repair, close_holes, keep_largest, merge_within, edge_length, material, attachment, fibres, activation, force, displace",
+          shape, unit, repair, close_holes, cut_handles, keep_largest, merge_within, edge_length, material, attachment, fibres, activation, force, displace",
         ),
         (
             "capsule.0.radius=3 mm",

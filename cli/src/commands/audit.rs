@@ -34,10 +34,11 @@ NAME-1.ply. A file without a number, or the only one of its name, is a surface a
 file is found from its content.
 
 A crossing is a pair of triangles that share a point, by exact predicates. Triangles that share a corner or an edge cross
-only if they also share another point. Pairs of rigid surfaces are not tested. Vertices inside are found by exact winding
-numbers, which need closed surfaces. Files do not say which vertices bones hold, so that vertices inside bones are held
-ones as well. Changes of volume are not judged in a folder of `pliant run` whose scene lets volumes change. Surfaces are
-soft, except those of --rigid and those with a name that begins with bone_ or obstacle_, as `pliant run` names them.
+only if they also share another point. Of two rigid surfaces, only the growth of their depth in each other since the first
+frame is judged. Vertices inside are found by exact winding numbers, which need closed surfaces. Files do not say which
+vertices bones hold, so that vertices inside bones are held ones as well. Changes of volume are not judged in a folder of
+`pliant run` whose scene lets volumes change. Surfaces are soft, except those of --rigid and those with a name that begins
+with bone_ or obstacle_, as `pliant run` names them.
 
 Exit codes: 0 nothing crosses, nothing is inside, volumes are held; 1 otherwise, or a coordinate is not finite; 2 a file
 cannot be read, or the usage is wrong; 130 or 143 interrupted.")]
@@ -176,7 +177,7 @@ impl Frames {
         if !parts.clone().any(|part| is_soft(&part)) {
             return Err(Failure::usage(
                 format!("{name}: no soft surface among {} files", parts.count()),
-                "rigid surfaces are not tested against each other; leave a --rigid out",
+                "an audit needs a surface that deforms; leave a --rigid out",
             ));
         }
         let mut notes = vec![

@@ -64,6 +64,9 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", requires = "repair", num_args = 0..=1, require_equals = true, default_missing_value = "100",
         value_parser = clap::value_parser!(u16).range(1..=LONGEST_RIM as i64))]
     close_holes: Option<u16>,
+    /// Also cut handles around which a loop of at most this length leads, such as '10 mm'; requires --unit
+    #[arg(long, value_name = "LENGTH", requires_all = ["repair", "unit"])]
+    cut_handles: Option<String>,
     /// Also remove all pieces except the one with the greatest area
     #[arg(long, requires = "repair")]
     keep_largest: bool,
@@ -158,24 +161,25 @@ fn output(
 
 /// Options of a repair, lengths in the unit of the files.
 fn options(arguments: &Arguments, unit: Option<f64>) -> Result<RepairOptions, Failure> {
-    let merge_within = match (&arguments.merge_within, unit) {
+    let length = |option: &str, given: &Option<String>| match (given, unit) {
         (Some(text), Some(unit)) => {
             let length = units::parse(text, Dimension::Length)
                 .map_err(|e| Failure::usage(e.to_string(), e.help()))?;
             if length < 0.0 {
                 return Err(Failure::usage(
-                    format!("--merge-within {text} is negative"),
+                    format!("{option} {text} is negative"),
                     "give a length of at least zero",
                 ));
             }
-            length / unit
+            Ok(length / unit)
         }
-        _ => 0.0,
+        _ => Ok(0.0),
     };
     let close_holes = arguments.close_holes.map_or(0, usize::from);
     Ok(RepairOptions {
-        merge_within,
+        merge_within: length("--merge-within", &arguments.merge_within)?,
         close_holes,
+        cut_handles: length("--cut-handles", &arguments.cut_handles)?,
         keep_largest: arguments.keep_largest,
     })
 }

@@ -138,6 +138,9 @@ pub(super) fn path(given: &Path) -> Result<String, Failure> {
     text(&absolute).ok_or_else(not_text)
 }
 
+/// Greatest length of a name after a file [bytes]: file systems allow 255 for a file.
+const LONGEST_NAME: usize = 120;
+
 /// A name for a scene or a body after the stem of a file, different from all earlier ones.
 pub(super) fn name_after(file: &Path, used: &mut HashSet<String>) -> Result<String, Failure> {
     let Some(stem) = file.file_stem().and_then(|s| s.to_str()) else {
@@ -154,8 +157,10 @@ pub(super) fn name_after(file: &Path, used: &mut HashSet<String>) -> Result<Stri
             c
         }
     };
-    let clean: String = stem.chars().map(safe).take(40).collect();
-    let clean = clean.trim().trim_start_matches('.');
+    let clean: String = stem.chars().map(safe).collect();
+    // Files of a run are named after it, with more before and behind.
+    let end = clean.floor_char_boundary(LONGEST_NAME);
+    let clean = clean[..end].trim().trim_start_matches('.');
     let first = if clean.is_empty() { "mesh" } else { clean };
     let mut name = first.to_owned();
     let mut next = 2;

@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::fit::long_axis;
+use super::part;
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
@@ -12,6 +13,13 @@ pub const NEAR_MM: f64 = 3.0;
 
 /// Greatest share of a muscle that one bone holds; for all bones together twice as much.
 pub const LIMIT: f64 = 0.05;
+
+/// Distance from a patch within which vertices are held, those of a remeshed muscle as well [mm].
+pub const WITHIN_MM: f64 = 1.0;
+
+/// A patch and what lies beside it hold this part of their share of the area: vertices of a remeshed muscle
+/// are elsewhere.
+const RIM: f64 = 0.9;
 
 /// Parts of a muscle's length: its tip, and an end, which one side of the joint holds.
 const TIP: f64 = 0.1;
@@ -55,6 +63,15 @@ pub struct LooseEnd {
     pub nearest: Option<(usize, f64)>,
 }
 
+/// A bone that is near to a muscle.
+struct Near {
+    bone: usize,
+    /// Of each vertex, what orders those that the bone holds; infinite for others.
+    keys: Vec<f64>,
+    /// Whether it holds only a part of what is near.
+    is_part: bool,
+}
+
 /// A muscle among its bones.
 struct Around<'a> {
     mesh: &'a TriangleMesh,
@@ -67,6 +84,8 @@ struct Around<'a> {
     /// Distance of each vertex from the one and from the other tip, relative to the length.
     from_tip: [Vec<f64>; 2],
     length: f64,
+    /// The part of the area that belongs to each vertex [m2].
+    areas: Vec<f64>,
 }
 
 /// The attachments of a muscle: at each end, to the bones of one side of the joint within [`NEAR_MM`] or, if
@@ -108,11 +127,14 @@ pub fn find(
             far.push((e, found));
         }
     }
-    let mut found = around.near(&ends, &far);
+    let near = around.near(&ends, &far);
+    // All bones together can fix a tenth of a muscle's vertices.
+    let share = share(near.len() + far.len());
+    let mut found = around.attachments(near, share);
     for (e, (bone, mm)) in far {
         found.push(Attachment {
             bone,
-            patch: Some(around.patch(|v| around.from_tip[e][v], LIMIT)),
+            patch: Some(around.patch(|v| around.from_tip[e][v], share)),
             far: Some(FarEnd {
                 mm,
                 middle: around.middle_of_tip(e),
@@ -123,6 +145,11 @@ pub fn find(
     found.sort_by_key(|a| a.bone);
     let loose = (0..2).filter(|&e| ends[e].is_none());
     (found, loose.map(|e| around.loose(e)).collect())
+}
+
+/// The share of a muscle that each of several attachments holds.
+pub fn share(attachments: usize) -> f64 {
+    LIMIT.min(2.0 * LIMIT / attachments.max(1) as f64)
 }
 
 /// The distance of each vertex from a bone [mm].
@@ -147,6 +174,7 @@ impl<'a> Around<'a> {
             turns: turns.is_some(),
             from_tip: [from_tip(1.0), from_tip(-1.0)],
             length,
+            areas: mesh.vertex_areas(),
         })
     }
 
@@ -189,9 +217,10 @@ impl<'a> Around<'a> {
             .filter(|(_, mm)| *mm <= 1e3 * TENDON * self.length)
     }
 
-    /// The attachments to bones that are near. A bone holds what is near to it in the half with the end of
-    /// its side. An insertion is narrow: of what is near to a bone that turns, it is what is nearest to the tip.
-    fn near(&self, ends: &[Option<usize>; 2], far: &[(usize, (usize, f64))]) -> Vec<Attachment> {
+    /// The bones that are near, each with the vertices that it holds, by a key that orders them, and
+    /// whether it holds all that is near. A bone holds what is near to it in the half with the end of its
+    /// side. An insertion is narrow: of what is near to a bone that turns, it is what is nearest to the tip.
+    fn near(&self, ends: &[Option<usize>; 2], far: &[(usize, (usize, f64))]) -> Vec<Near> {
         let mut found = Vec::new();
         let most = self.most(LIMIT);
         for (bone, &side) in self.sides.iter().enumerate() {
@@ -215,14 +244,23 @@ impl<'a> Around<'a> {
                 Some(_) => self.distances[bone][v],
                 None => f64::INFINITY,
             };
-            let is_part = !passed.is_empty() || is_insertion && own.len() > most;
-            found.push(Attachment {
+            found.push(Near {
                 bone,
-                patch: is_part.then(|| self.patch(key, LIMIT)),
-                far: None,
+                keys: (0..self.mesh.vertices.len()).map(key).collect(),
+                is_part: !passed.is_empty() || is_insertion && own.len() > most,
             });
         }
         found
+    }
+
+    /// The attachments to bones that are near, each of at most a `share` of the muscle.
+    fn attachments(&self, near: Vec<Near>, share: f64) -> Vec<Attachment> {
+        let one = |near: Near| Attachment {
+            bone: near.bone,
+            patch: near.is_part.then(|| self.patch(|v| near.keys[v], share)),
+            far: None,
+        };
+        near.into_iter().map(one).collect()
     }
 
     /// The greatest number of vertices of a share of all.
@@ -230,16 +268,32 @@ impl<'a> Around<'a> {
         ((share * self.mesh.vertices.len() as f64) as usize).max(3)
     }
 
-    /// The triangles between the vertices with the least keys, up to a share of all vertices; or around
-    /// them, if none lies between.
+    /// The triangles between the vertices with the least keys, up to a share of all vertices and of the
+    /// whole area; or around them, if none lies between.
     fn patch(&self, key: impl Fn(usize) -> f64, share: f64) -> Vec<u32> {
         let mut order: Vec<usize> = (0..self.mesh.vertices.len())
             .filter(|&v| key(v).is_finite())
             .collect();
         order.sort_by(|&a, &b| key(a).total_cmp(&key(b)).then(a.cmp(&b)));
         order.truncate(self.most(share));
+        let most = RIM * share * self.areas.iter().sum::<f64>();
+        loop {
+            let patch = self.between(&order);
+            let held = self.held_by(&patch);
+            // Few vertices are the least patch.
+            if order.len() <= self.most(0.0) || !(held > most) {
+                return patch;
+            }
+            // What is held beyond a patch falls with its size as well, but not as fast.
+            let fewer = (0.95 * most / held * order.len() as f64) as usize;
+            order.truncate(fewer.max(self.most(0.0)));
+        }
+    }
+
+    /// The triangles between some vertices; or around them, if none lies between.
+    fn between(&self, vertices: &[usize]) -> Vec<u32> {
         let mut is_in = vec![false; self.mesh.vertices.len()];
-        order.iter().for_each(|&v| is_in[v] = true);
+        vertices.iter().for_each(|&v| is_in[v] = true);
         let corners = |t: &[u32; 3]| t.iter().filter(|v| is_in[**v as usize]).count();
         let with = |least: usize| -> Vec<u32> {
             let all = self.mesh.triangles.iter().enumerate();
@@ -249,6 +303,17 @@ impl<'a> Around<'a> {
         };
         let between = with(3);
         if between.is_empty() { with(1) } else { between }
+    }
+
+    /// The area of the vertices that a patch holds: on it and within [`WITHIN_MM`] [m2]. Beside a patch of
+    /// fine triangles, or one of many pieces, these are many.
+    fn held_by(&self, patch: &[u32]) -> f64 {
+        let surface = Surface::new(&part(self.mesh, patch));
+        let distances = distances_mm(self.mesh, &surface);
+        let held = distances.iter().zip(&self.areas);
+        held.filter(|(mm, _)| **mm <= WITHIN_MM)
+            .map(|(_, area)| area)
+            .sum()
     }
 
     fn middle_of_tip(&self, end: usize) -> Point3<f64> {
@@ -282,9 +347,13 @@ mod tests {
         Surface::new(&block)
     }
 
-    /// A spindle along z, 0.2 m long and 0.04 m thick.
     fn spindle() -> TriangleMesh {
-        let mut mesh = icosphere(0.1, 3);
+        spindle_of(3)
+    }
+
+    /// A spindle along z, 0.2 m long and 0.04 m thick.
+    fn spindle_of(divisions: u32) -> TriangleMesh {
+        let mut mesh = icosphere(0.1, divisions);
         mesh.vertices
             .iter_mut()
             .for_each(|v| (v.x, v.y) = (0.2 * v.x, 0.2 * v.y));
@@ -323,6 +392,24 @@ mod tests {
         assert!(loose[0].at.z < -0.08);
         assert_eq!(loose[0].nearest.map(|n| n.0), Some(1));
         assert_eq!(find(&spindle(), &[], None).1.len(), 2);
+    }
+
+    #[test]
+    fn a_patch_and_what_lies_beside_it_hold_their_share() {
+        let bones = [block(0.0, 0.13), block(0.0, -0.13)];
+        // The finest has the edges of a segmentation: its patches hold a rim beside them.
+        for divisions in [3, 4, 5, 6] {
+            let mesh = spindle_of(divisions);
+            let around = Around::new(&mesh, &bones, None).expect("a muscle");
+            let whole: f64 = around.areas.iter().sum();
+            let (found, _) = find(&mesh, &bones, None);
+            assert_eq!(found.len(), 2);
+            for attachment in found {
+                let held = around.held_by(&attachment.patch.expect("a patch")) / whole;
+                assert!(held <= LIMIT, "{divisions}: {held}");
+                assert!(held >= 0.75 * LIMIT, "{divisions}: {held}");
+            }
+        }
     }
 
     #[test]

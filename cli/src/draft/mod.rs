@@ -7,16 +7,18 @@ pub mod joint;
 pub mod names;
 mod tendon;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use attachments::{Attachment, LIMIT, LooseEnd, NEAR_MM};
+use attachments::{Attachment, LooseEnd, NEAR_MM, WITHIN_MM};
 use joint::Joint;
 use pliant::contact::Surface;
+use pliant::format::counted;
 use pliant::io::file_name;
 use pliant::mesh::{
-    FindingKind, Health, LONGEST_RIM, RepairOptions, Topology, TriangleMesh, repair,
+    FindingKind, Health, LONGEST_RIM, RepairChange, RepairOptions, RepairStep, Topology,
+    TriangleMesh, repair,
 };
 use pliant::scene::EFFECTS;
 use pliant::simulation::Assets;
@@ -26,9 +28,17 @@ use pliant::simulation::Assets;
 const EVEN: f64 = 0.5;
 const SHORTEST: usize = 20;
 
-/// Number of vertices of an uneven mesh after remeshing: a muscle then runs for some ten seconds, and the
+/// Number of vertices of an uneven or a fine mesh after remeshing: a muscle then runs for some ten seconds, and the
 /// shape is kept to a tenth of an edge.
 const REMESHED: f64 = 2500.0;
+
+/// Segmentations have ten times as many vertices, at the distance of their voxels. What has more than
+/// this many times [`REMESHED`] is remeshed.
+const MANY: f64 = 2.0;
+
+/// Greatest length of a loop around a handle that is cut before remeshing, in edges after it. A loop of
+/// three edges is the shortest that a mesh can have.
+const HANDLE: f64 = 4.0;
 
 /// Resistance to bending: with less, muscles of the measured hip lose more than half of their thickness.
 const BENDING: &str = "5e-4 N m";
@@ -64,8 +74,10 @@ pub struct Held {
     pub loose: Vec<LooseEnd>,
     /// The files of its patches, one for each attachment that has one, and their meshes [m].
     pub patches: Vec<Option<(PathBuf, TriangleMesh)>>,
-    /// Why it is remeshed, and to which edges [m]; `None` for an even mesh.
+    /// Why it is remeshed, and to which edges [m]; `None` for a mesh that stays.
     pub remeshed: Option<(String, f64)>,
+    /// What was cut of a mesh that is remeshed, and the length of loops around it [m].
+    pub cut: Option<(String, f64)>,
 }
 
 /// The scene.
@@ -141,7 +153,12 @@ impl Draft {
                 let Some(far) = &mut attachment.far else {
                     continue;
                 };
-                if tendon::is_carried_into(&far.middle, joint, bones)
+                let triangles = attachment.patch.iter().flatten();
+                let held: BTreeSet<u32> = triangles
+                    .flat_map(|&t| mesh.triangles[t as usize])
+                    .collect();
+                let held: Vec<_> = held.iter().map(|&v| mesh.vertices[v as usize]).collect();
+                if tendon::is_carried_into(&held, joint, bones)
                     && let Some((bone, away)) = tendon::nearest_at_rest(&far.middle, joint, bones)
                 {
                     attachment.bone = bone;
@@ -155,11 +172,13 @@ impl Draft {
             let path = self.parts.as_ref()?.join(file);
             Some((path, part(mesh, a.patch.as_ref()?)))
         };
+        let remeshed = remeshed(mesh);
         Held {
             patches: attachments.iter().enumerate().map(patch).collect(),
             attachments,
             loose,
-            remeshed: uneven(mesh),
+            cut: remeshed.as_ref().and_then(|(_, edge)| cut(mesh, *edge)),
+            remeshed,
         }
     }
 
@@ -186,11 +205,12 @@ impl Draft {
             );
         }
         for (b, bone) in self.bones.iter().enumerate() {
-            self.put_body(&mut toml, "bone", bone);
+            self.put_body(&mut toml, "bone", bone, None);
             self.put_motion(&mut toml, b);
         }
         for (m, muscle) in self.muscles.iter().enumerate() {
-            self.put_body(&mut toml, "muscle", muscle);
+            let cut = self.held.get(m).and_then(|held| held.cut.as_ref());
+            self.put_body(&mut toml, "muscle", muscle, cut);
             if let Some(held) = self.held.get(m) {
                 self.put_held(&mut toml, held);
             }
@@ -219,7 +239,7 @@ impl Draft {
         has(true) && has(false)
     }
 
-    fn put_body(&self, toml: &mut String, kind: &str, body: &Body) {
+    fn put_body(&self, toml: &mut String, kind: &str, body: &Body, cut: Option<&(String, f64)>) {
         let name = quoted(&body.name);
         let why = match body.why.as_str() {
             "" => String::new(),
@@ -228,10 +248,21 @@ impl Draft {
         let _ = writeln!(toml, "\n[[{kind}]]{why}\nname = {name}");
         let (path, unit) = (quoted(&body.path), quoted(&self.unit));
         let _ = write!(toml, "mesh = {path}\nunit = {unit}\n");
+        let cuts = |toml: &mut String| match cut {
+            Some((why, length)) => {
+                let _ = writeln!(toml, "cut_handles = \"{} mm\" # {why}", mm(*length));
+            }
+            None => {}
+        };
         let Some(Mended { why, options }) = &body.mended else {
+            if cut.is_some() {
+                toml.push_str("repair = true\n");
+                cuts(toml);
+            }
             return;
         };
         let _ = writeln!(toml, "repair = true # {why}");
+        cuts(toml);
         if options.close_holes > 0 {
             let _ = writeln!(toml, "close_holes = {}", options.close_holes);
         }
@@ -285,9 +316,7 @@ impl Draft {
             toml,
             "[muscle.material]\nbending = \"{BENDING}\" # a thin muscle keeps its thickness\n"
         );
-        // All bones together can fix a tenth of a muscle's vertices.
-        let count = held.attachments.len().max(1) as f64;
-        let limit = 100.0 * LIMIT.min(2.0 * LIMIT / count);
+        let limit = 100.0 * attachments::share(held.attachments.len());
         for (attachment, patch) in held.attachments.iter().zip(&held.patches) {
             let bone = quoted(&self.bones[attachment.bone].name);
             let why = match (&attachment.far, patch) {
@@ -308,7 +337,10 @@ impl Draft {
             let _ = match (patch, &attachment.far) {
                 (Some((path, _)), _) => {
                     let path = quoted(&path.display().to_string());
-                    write!(toml, "patch = {path}\nunit = \"m\"\nwithin = \"1 mm\"\n")
+                    write!(
+                        toml,
+                        "patch = {path}\nunit = \"m\"\nwithin = \"{WITHIN_MM} mm\"\n"
+                    )
                 }
                 (None, far) => {
                     let near = far
@@ -375,9 +407,10 @@ fn usual_effects() -> String {
     toml
 }
 
-/// Why a mesh with edges of unlike lengths is remeshed, and to which edges [m]. Its shortest edges
-/// would need the shortest steps, and its longest ones bend in facets.
-fn uneven(mesh: &TriangleMesh) -> Option<(String, f64)> {
+/// Why a mesh is remeshed, and to which edges [m]; `None` for an even mesh of a number of vertices with
+/// which a run ends soon. The shortest edges of an uneven one would need the shortest steps, and its
+/// longest ones bend in facets.
+fn remeshed(mesh: &TriangleMesh) -> Option<(String, f64)> {
     let topology = Topology::new(mesh);
     let is_fit = topology.is_oriented() && topology.non_manifold_vertices(mesh).is_empty();
     let mut lengths = topology.edge_lengths(mesh);
@@ -385,23 +418,42 @@ fn uneven(mesh: &TriangleMesh) -> Option<(String, f64)> {
         return None;
     }
     lengths.sort_by(f64::total_cmp);
-    let (short, median) = (
-        lengths[lengths.len() / SHORTEST],
-        lengths[lengths.len() / 2],
-    );
-    if short >= EVEN * median {
+    let [short, median] = [SHORTEST, 2].map(|part| lengths[lengths.len() / part]);
+    let count = mesh.vertices.len();
+    let is_even = short >= EVEN * median;
+    if is_even && count as f64 <= MANY * REMESHED {
         return None;
     }
     // Of as many vertices in equilateral triangles.
     let edge = (2.0 * mesh.area() / (3.0_f64.sqrt() * REMESHED)).sqrt();
-    let (shortest, longest) = (lengths[0], lengths[lengths.len() - 1]);
-    let why = format!(
-        "the file has edges of {} to {} mm, half of them below {} mm; without this line they stay",
-        mm(shortest),
-        mm(longest),
-        mm(median)
-    );
+    let why = match is_even {
+        true => format!(
+            "the file has {count} vertices; without this line they stay, and a run takes the longer"
+        ),
+        false => format!(
+            "the file has edges of {} to {} mm, half of them below {} mm; without this line they stay",
+            mm(lengths[0]),
+            mm(lengths[lengths.len() - 1]),
+            mm(median)
+        ),
+    };
     (edge > 0.0).then_some((why, edge))
+}
+
+/// What is cut of a mesh before it is remeshed to such edges [m], and how long loops around it may be [m]:
+/// handles that so long edges cannot follow. `None` if there are none.
+fn cut(mesh: &TriangleMesh, edge: f64) -> Option<(String, f64)> {
+    let length = HANDLE * edge;
+    let options = RepairOptions {
+        cut_handles: length,
+        ..RepairOptions::default()
+    };
+    let repaired = repair(mesh, &[], &options);
+    let is_cut = |change: &&RepairChange| change.step == RepairStep::CutHandles;
+    let count = repaired.changes.iter().find(is_cut)?.count;
+    let handles = counted(count, "handle", "handles");
+    let why = format!("{handles}, as noise leaves them, with edges too long to follow them");
+    Health::of(&repaired.mesh).is_fit().then_some((why, length))
 }
 
 /// A length [m] in millimetres with three digits.
@@ -418,21 +470,26 @@ mod tests {
     use pliant::mesh::shapes::icosphere;
 
     #[test]
-    fn a_mesh_with_edges_of_unlike_lengths_is_remeshed_and_an_even_one_is_not() {
+    fn an_uneven_or_a_fine_mesh_is_remeshed_and_another_is_not() {
         let even = icosphere(0.02, 3);
-        assert_eq!(uneven(&even), None);
+        assert_eq!(remeshed(&even), None);
+        // As fine as a segmentation.
+        let (why, edge) = remeshed(&icosphere(0.02, 5)).expect("fine");
+        let vertices = 2.0 * even.area() / (3.0_f64.sqrt() * edge * edge);
+        assert!((vertices / REMESHED - 1.0).abs() <= 0.01, "{vertices}");
+        assert!(why.starts_with("the file has 10242 vertices"), "{why}");
         // One side is drawn together: triangles of a tenth of the size.
         let mut drawn = even.clone();
         for v in drawn.vertices.iter_mut().filter(|v| v.z > 0.012) {
             (v.x, v.y) = (0.1 * v.x, 0.1 * v.y);
         }
-        let (why, edge) = uneven(&drawn).expect("uneven");
+        let (why, edge) = remeshed(&drawn).expect("uneven");
         let vertices = 2.0 * drawn.area() / (3.0_f64.sqrt() * edge * edge);
         assert!((vertices - REMESHED).abs() <= 1e-9 * REMESHED, "{vertices}");
         assert!(why.contains("without this line"), "{why}");
         // Control: what no remeshing can take stays as it is.
         drawn.triangles.push(drawn.triangles[0]);
-        assert_eq!(uneven(&drawn), None);
+        assert_eq!(remeshed(&drawn), None);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::{Scratch, pliant, shown, text};
 use nalgebra::{Point3, Rotation3, Vector3};
 use pliant::TriangleMesh;
 use pliant::io::{self, Encoding};
-use pliant::mesh::shapes;
+use pliant::mesh::{refine, shapes};
 
 /// The bones and the muscle of the built-in hip, with file names as from a hospital, in units of
 /// `metres`.
@@ -108,6 +108,42 @@ fn three_meshes_become_a_scene_that_runs() {
     assert_eq!(code, Some(0), "{errors}");
     let rests = fs::read_to_string(scratch.join("meshes.toml")).expect("a scene");
     assert!(!rests.contains("[bone.motion]"));
+}
+
+#[test]
+fn a_segmentation_with_the_edges_of_its_voxels_becomes_a_scene_that_can_run() {
+    let scratch = Scratch::folder();
+    let meshes = scratch.join("scans");
+    fs::create_dir(&meshes).expect("a folder");
+    hip(&meshes, 1e-3);
+    // A name longer than most, of which the last words tell what it is.
+    let name = "Segmentation of patient 0123, second visit, series 4 - gluteus medius right";
+    let coarse = meshes.join("Gluteus medius.obj");
+    let mesh = io::read(&coarse).expect("a mesh").mesh;
+    let fine = refine(&mesh, 1.5).expect("finer").mesh;
+    assert!(fine.vertices.len() > 10_000, "{}", fine.vertices.len());
+    fs::remove_file(coarse).expect("removed");
+    write(&meshes.join(format!("{name}.obj")), &fine);
+    let (code, said, errors) = init(&scratch, &["scans", "--no-trial"]);
+    assert_eq!(code, Some(0), "{said}{errors}");
+    assert!(
+        said.contains(&format!("muscle {name}: by its name: gluteus")),
+        "{said}"
+    );
+    let scene = fs::read_to_string(scratch.join("hip.toml")).expect("a scene");
+    let why = format!("# the file has {} vertices", fine.vertices.len());
+    assert!(
+        scene.contains(&why) && scene.contains("edge_length = "),
+        "{scene}"
+    );
+    // What is held is at most a tenth: the scene is not refused.
+    let planned = pliant()
+        .current_dir(&*scratch)
+        .args(["plan", "hip.toml"])
+        .output()
+        .expect("it runs");
+    let all = text(&planned.stdout) + &text(&planned.stderr);
+    assert_eq!(super::check::code(&planned), Some(0), "{all}");
 }
 
 #[test]

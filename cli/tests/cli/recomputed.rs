@@ -19,7 +19,7 @@ mod shape;
 
 const FRAMES: usize = 24;
 const MUSCLES: [&str; 2] = ["first", "second"];
-const BONES: [&str; 2] = ["floor", "arm"];
+const BONES: [&str; 3] = ["floor", "arm", "post"];
 const DENSITY: f64 = 1060.0;
 /// Relative errors of sums in another order.
 const ROUNDING: f64 = 1e-9;
@@ -27,7 +27,7 @@ const ROUNDING: f64 = 1e-9;
 const INSIDE: f64 = 1e-5;
 
 /// A box on a bone and a ball under another one, which turns: the ball runs into the box, and the bone
-/// into both, where nothing keeps them apart.
+/// into both, where nothing keeps them apart. It also runs into a third bone.
 fn scene(scratch: &Scratch, effects: &str) -> String {
     let write = |name: &str, mut mesh: TriangleMesh, by: Vector| {
         let move_one = |p: &mut nalgebra::Point3<f64>| *p += nalgebra::Vector3::from(by);
@@ -45,6 +45,11 @@ fn scene(scratch: &Scratch, effects: &str) -> String {
         box_surface([0.12, 0.12, 0.02], 0.03),
         [0.11, 0.0, 0.0605],
     );
+    write(
+        "post",
+        box_surface([0.03, 0.08, 0.06], 0.03),
+        [0.02, 0.003, 0.086],
+    );
     write("first", box_surface([0.1; 3], 0.02), [0.0; 3]);
     write("second", icosphere(0.05, 2), [0.11, 0.003, 0.0]);
     let bone =
@@ -60,10 +65,11 @@ fn scene(scratch: &Scratch, effects: &str) -> String {
         "frames = {FRAMES}\nframe_rate = \"60 Hz\"\n{}{}\
          [bone.motion]\ncentre = [\"110 mm\", \"0 mm\", \"300 mm\"]\n\
          axis = [0, 1, 0]\ninterpolation = \"linear\"\n\
-         keys = [{{ frame = 0 }}, {{ frame = {FRAMES}, angle = \"0.15 rad\" }}]\n{}{}\
+         keys = [{{ frame = 0 }}, {{ frame = {FRAMES}, angle = \"0.15 rad\" }}]\n{}{}{}\
          [solver.xpbd]\nsubsteps = 40\n[effects.stretch]\n{effects}",
         bone(BONES[0]),
         bone(BONES[1]),
+        bone(BONES[2]),
         muscle(MUSCLES[0], BONES[0]),
         muscle(MUSCLES[1], BONES[1]),
     );
@@ -422,6 +428,7 @@ impl Run {
             let between = inside(&muscles[0].x, &muscles[1]) + inside(&muscles[1].x, &muscles[0]);
             most("vertices_inside_muscles_max", between as f64);
             most("shared_volume_max_m3", shared(&muscles[0], &muscles[1]));
+            most("rigid_depth_max", self.growth(frame));
         }
         for (key, wanted) in worst {
             let path = format!("/audit/{key}");
@@ -439,6 +446,27 @@ impl Run {
                 tolerance,
             );
         }
+    }
+
+    /// How much deeper than in the first frame two bones are in each other, relative to the smaller one.
+    fn growth(&self, frame: usize) -> f64 {
+        let deepest = |x: &Shape, of: &Shape| {
+            let inside = x.x.iter().filter(|p| of.contains(**p));
+            greatest(inside.map(|p| of.distance(*p)))
+        };
+        let side = |bone: &Shape| {
+            let along = |k: usize| {
+                let all = || bone.x.iter().map(|p| p[k]);
+                all().fold(f64::MIN, f64::max) - all().fold(f64::MAX, f64::min)
+            };
+            greatest((0..3).map(along))
+        };
+        let [rest, now] = [0, frame].map(|f| &self.frames[f][1]);
+        let pairs = (0..now.len()).flat_map(|j| (0..j).map(move |i| (i, j)));
+        greatest(pairs.map(|(i, j)| {
+            let depth = |all: &[Shape]| deepest(&all[i], &all[j]).max(deepest(&all[j], &all[i]));
+            (depth(now) - depth(rest)) / side(&rest[i]).min(side(&rest[j]))
+        }))
     }
 
     /// Each verdict with a number and a limit says which is greater.
@@ -571,6 +599,8 @@ fn what_a_run_reports_is_in_its_frames() {
                 .map(|m| run.of_muscle(m, "vertices_inside_bones_max"))
                 .sum::<f64>()
         };
+        let depth = run.summary.pointer("/audit/rigid_depth_max");
+        assert!(depth.and_then(Value::as_f64) > Some(0.005), "bones meet");
         assert_eq!(
             inside(&run) > 0.0,
             pressure.is_none(),

@@ -118,6 +118,22 @@ const RUNS: &[Case] = &[
         check: "greatest strain of an edge",
     },
     Case {
+        what: "a motion that drives a bone into another",
+        arguments: &[
+            "run",
+            "{}/pulled.toml",
+            "--set",
+            "bone.0.mesh={}/left.obj",
+            "--set",
+            "bone.1.mesh={}/right.obj",
+        ],
+        wrong: &[
+            "--set",
+            "bone.1.motion.keys.1.translation=['-20 mm','5 mm','0 mm']",
+        ],
+        check: "growth of the depth of two rigid surfaces",
+    },
+    Case {
         what: "muscles that share most of their space in the files",
         arguments: &["run", "{}/two.toml"],
         wrong: &["--set", "muscle.1.mesh={}/ball-inside.obj"],

@@ -250,3 +250,38 @@ proptest! {
         prop_assert!(report.min_angle.to_degrees() > 15.0, "{:?}", report);
     }
 }
+
+#[test]
+fn a_hair_thinner_than_the_deviation_does_not_cross_itself() {
+    use crate::testing::{Draw, cubes};
+    // A block with a hair of 0.05 mm that is bent at random, as a row of voxels is after smoothing.
+    let edge = 3.2e-3;
+    let mut draw = Draw::new(5);
+    let mut crossed_before = 0;
+    for _ in 0..20 {
+        let mut mesh = cubes([18, 17, 17], |[x, y, z]| x < 14 || [y, z] == [8, 8]);
+        let bend: Vec<nalgebra::Vector3<f64>> =
+            (0..19).map(|_| draw.direction() * 0.4e-3).collect();
+        for v in mesh.vertices.iter_mut().filter(|v| v.x > 14.5e-3) {
+            let station = (v.x * 1e3).round() as usize;
+            let middle = nalgebra::Point3::new(v.x, 8.5e-3, 8.5e-3);
+            *v = middle + (*v - middle) * 0.05 + bend[station];
+        }
+        let topology = Topology::new(&mesh);
+        let tree = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
+        let (plain, _, _) =
+            remeshed(&mesh, &topology, &tree, edge, &crate::progress::Silent).expect("remeshed");
+        let crossings = |mesh: &TriangleMesh| {
+            crate::mesh::crossings::crossings_of(&mesh.vertices, &mesh.triangles).count
+        };
+        crossed_before += usize::from(crossings(&plain) > 0);
+        let found = refine(&mesh, edge).expect("remeshed");
+        assert_eq!(crossings(&found.mesh), 0);
+        assert!(crate::Health::of(&found.mesh).is_fit());
+        // What is cut off is told.
+        let deviation = apart::farthest(&mesh, &found.mesh);
+        assert!(deviation <= found.report.deviation * (1.0 + 1e-9));
+        assert!((found.mesh.volume() / plain.volume() - 1.0).abs() <= 0.02);
+    }
+    assert!(crossed_before > 0, "control: some cross without it");
+}

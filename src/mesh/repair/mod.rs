@@ -1,12 +1,13 @@
 //! Repairs a surface for simulation and reports every change.
 //!
 //! Vertices move only by merging over a distance that the caller sets. Joined parts stay joined:
-//! the repair only closes boundary loops and separates edges with more than two triangles and
-//! vertices in which surfaces touch.
+//! the repair only closes boundary loops, separates edges with more than two triangles and vertices in
+//! which surfaces touch, and cuts handles up to a size that the caller sets.
 
 mod deviation;
 mod fill;
 mod flat;
+mod handles;
 mod outward;
 mod seams;
 mod split;
@@ -30,6 +31,9 @@ pub struct RepairOptions {
     /// Boundary loops with at most this number of edges are closed, at most [`LONGEST_RIM`]; 0
     /// closes none.
     pub close_holes: usize,
+    /// Handles are cut around which a loop of edges of at most this length leads [unit of the
+    /// coordinates], in a closed surface; 0 cuts none.
+    pub cut_handles: f64,
     /// Removes all components except the one with the greatest area.
     pub keep_largest: bool,
 }
@@ -67,6 +71,8 @@ pub enum RepairStep {
     ClosedHoles,
     /// Reversed triangles.
     TurnedTriangles,
+    /// Vertices of the loops around which handles were cut.
+    CutHandles,
     /// Dropped vertices without a triangle or line.
     DroppedVertices,
 }
@@ -125,6 +131,7 @@ pub fn repair(mesh: &TriangleMesh, lines: &[Vec<u32>], options: &RepairOptions) 
     }
     fill::close(&mut working, options.close_holes.min(LONGEST_RIM));
     outward::turn(&mut working);
+    handles::cut(&mut working, options.cut_handles);
     working.finish()
 }
 

@@ -10,6 +10,7 @@ use crate::mesh::measures::{max_or_nan, triangle_areas};
 use crate::mesh::topology::Topology;
 
 /// Vertices, triangles and lines, each with its original index.
+#[derive(Clone)]
 pub(super) struct Working {
     pub vertices: Vec<Point3<f64>>,
     pub triangles: Vec<[u32; 3]>,

@@ -6,6 +6,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::rigid::{Depths, Rigid};
 use super::{DEPTH, depths};
 use crate::mesh::coincident::{first_in_place, same_corners};
 use crate::mesh::crossings::{Crossed, Crossings, crossings_between, self_crossings};
@@ -89,6 +90,11 @@ pub struct FrameAudit {
     pub volume_error: f64,
     /// The soft surface with this change.
     pub volume_error_of: Option<String>,
+    /// Greatest growth of the depth of two rigid surfaces in each other since their first frame,
+    /// relative to the longest side of the smaller one's box in that frame.
+    pub rigid_depth: f64,
+    /// The two rigid surfaces.
+    pub rigid_depth_of: Option<[String; 2]>,
     /// Surfaces with a coordinate that is not finite, and the first such vertex. They are in no
     /// other test.
     pub not_finite: Vec<(String, usize)>,
@@ -104,14 +110,20 @@ pub struct FrameAudit {
 #[derive(Debug)]
 pub struct Audit {
     kept: BTreeMap<String, Kept>,
+    /// Of rigid surfaces.
+    depths: Depths,
     /// Length of the unit of positions [m].
     unit: f64,
 }
 
 /// A surface as it was in its last frame.
 #[derive(Debug)]
-struct Kept {
-    vertices: Vec<Point3<f64>>,
+pub(super) struct Kept {
+    pub vertices: Vec<Point3<f64>>,
+    /// Whether this is its first frame, or a vertex is elsewhere than in the frame before.
+    pub moved: bool,
+    /// Longest side of its box in the first frame.
+    pub extent: f64,
     triangles: Vec<[u32; 3]>,
     tree: SurfaceTree,
     /// Lowest vertex at the position of each vertex in the first frame.
@@ -122,7 +134,7 @@ struct Kept {
     /// Groups of triangles with the same three corners.
     doubled: Vec<Vec<u32>>,
     closed: bool,
-    bounds: Aabb,
+    pub bounds: Aabb,
     /// Enclosed volume in the first frame [m3].
     volume: f64,
 }
@@ -140,6 +152,8 @@ impl Kept {
         let closed = Topology::new(&whole).is_cycle();
         let vertices = whole.vertices;
         let mut kept = Self {
+            moved: true,
+            extent: Aabb::of_points(&vertices).extents().max(),
             tree: SurfaceTree::new(&vertices, &triangles),
             names: joined.clone(),
             joined,
@@ -165,7 +179,8 @@ impl Kept {
         if !same || self.triangles != surface.triangles {
             return false;
         }
-        if self.vertices != surface.vertices {
+        self.moved = self.vertices != surface.vertices;
+        if self.moved {
             self.vertices.copy_from_slice(surface.vertices);
             self.tree.refit(&self.vertices, &self.triangles);
             self.name();
@@ -235,7 +250,8 @@ impl Kept {
         self.triangles[t as usize].map(|v| self.vertices[v as usize])
     }
 
-    fn depth(&self, p: &Point3<f64>) -> f64 {
+    /// Distance of a point to the surface.
+    pub fn depth(&self, p: &Point3<f64>) -> f64 {
         let closest = self.tree.closest(p, f64::INFINITY);
         closest.map_or(0.0, |c| c.distance)
     }
@@ -246,6 +262,16 @@ struct Examined<'a> {
     surface: &'a AuditedSurface<'a>,
     kept: &'a Kept,
     inside: Option<Inside<'a>>,
+}
+
+impl Examined<'_> {
+    fn rigid(&self) -> Option<Rigid<'_>> {
+        self.surface.rigid.then_some(Rigid {
+            name: self.surface.name,
+            kept: self.kept,
+            inside: self.inside.as_ref(),
+        })
+    }
 }
 
 /// What two surfaces, or one with itself, add to a frame.
@@ -281,6 +307,7 @@ impl Audit {
     pub fn in_unit(unit: f64) -> Self {
         Self {
             kept: BTreeMap::new(),
+            depths: Depths::default(),
             unit,
         }
     }
@@ -288,8 +315,9 @@ impl Audit {
     /// Audits one frame. The first frame of a surface gives the volume with which later ones are
     /// compared, and the vertices that are one because their positions are equal.
     ///
-    /// All tests read positions as stored, by exact predicates, and nothing else. Pairs of rigid
-    /// surfaces are not tested, nor a rigid surface with itself.
+    /// All tests read positions as stored, by exact predicates, and nothing else. Of two rigid
+    /// surfaces it tells only how much deeper they are in each other than in the first frame; a
+    /// rigid surface is not tested with itself.
     pub fn frame(&mut self, surfaces: &[AuditedSurface<'_>]) -> FrameAudit {
         let mut result = FrameAudit {
             complete: true,
@@ -343,6 +371,8 @@ impl Audit {
             found.pair.scale(self.unit);
             result.add(found);
         }
+        let rigid: Vec<Rigid<'_>> = examined.iter().filter_map(Examined::rigid).collect();
+        (result.rigid_depth, result.rigid_depth_of) = self.depths.follow(&rigid);
         drop(examined);
         for (_, surface, kept) in kept {
             self.kept.insert(surface.name.to_owned(), kept);
@@ -372,7 +402,8 @@ fn now(surface: &AuditedSurface<'_>, kept: Option<Kept>) -> Kept {
 fn examine_all<'a>(all: &'a [(usize, &'a AuditedSurface<'a>, Kept)]) -> Vec<Examined<'a>> {
     let examine = |(index, surface, kept): &'a (usize, &'a AuditedSurface<'a>, Kept)| {
         let needed = all.iter().any(|(other, with, near)| {
-            other != index && !(with.rigid && surface.rigid) && near.bounds.intersects(&kept.bounds)
+            let rest = with.rigid && surface.rigid && !near.moved && !kept.moved;
+            other != index && !rest && near.bounds.intersects(&kept.bounds)
         });
         let inside = (kept.closed && needed).then(|| Inside::new(&kept.vertices, &kept.triangles));
         Examined {

@@ -30,6 +30,11 @@ pub struct AuditSummary {
     pub volume_error_max: f64,
     /// The surface with this change, and its frame.
     pub volume_error_at: Option<(String, usize)>,
+    /// Greatest growth of the depth of two rigid surfaces in each other since the first frame,
+    /// relative to the longest side of the smaller one's box.
+    pub rigid_depth_max: f64,
+    /// The two rigid surfaces, and the frame.
+    pub rigid_depth_at: Option<([String; 2], usize)>,
     /// True if all pairs of triangles were tested in every frame.
     pub complete: bool,
     /// The first coordinate that is not finite: surface, vertex and frame.
@@ -95,6 +100,11 @@ impl AuditSummary {
             self.volume_error_max = audit.volume_error;
             let of = audit.volume_error_of.clone();
             self.volume_error_at = of.map(|name| (name, frame));
+        }
+        if !(audit.rigid_depth <= self.rigid_depth_max) && !self.rigid_depth_max.is_nan() {
+            self.rigid_depth_max = audit.rigid_depth;
+            let of = audit.rigid_depth_of.clone();
+            self.rigid_depth_at = of.map(|names| (names, frame));
         }
         self.complete &= audit.complete;
         if let (None, Some((name, vertex))) = (&self.not_finite, audit.not_finite.first()) {
@@ -182,7 +192,7 @@ impl CrossingCounts {
 
 /// For a run that goes on from a checkpoint.
 impl Value for AuditSummary {
-    const MIN_BYTES: usize = 15 * 8 + 3;
+    const MIN_BYTES: usize = 16 * 8 + 4;
 
     fn encode(&self, to: &mut Writer) {
         let Self {
@@ -196,6 +206,8 @@ impl Value for AuditSummary {
             shared_volume_max_m3,
             volume_error_max,
             volume_error_at,
+            rigid_depth_max,
+            rigid_depth_at,
             complete,
             not_finite,
             open,
@@ -211,8 +223,9 @@ impl Value for AuditSummary {
         ]);
         to.put(&[crossings_max.numbers(), crossings_total.numbers()]);
         to.put(crossings_held_max);
-        to.put(&[*shared_volume_max_m3, *volume_error_max]);
+        to.put(&[*shared_volume_max_m3, *volume_error_max, *rigid_depth_max]);
         to.put(volume_error_at);
+        to.put(rigid_depth_at);
         to.put(complete);
         let not_finite = not_finite.clone();
         to.put(&not_finite.map(|(name, vertex, frame)| (name, (vertex, frame))));
@@ -230,8 +243,9 @@ impl Value for AuditSummary {
         ] = from.take()?;
         let [max, total] = from.take()?;
         let crossings_held_max = from.take()?;
-        let [shared_volume_max_m3, volume_error_max] = from.take()?;
+        let [shared_volume_max_m3, volume_error_max, rigid_depth_max] = from.take()?;
         let volume_error_at = from.take()?;
+        let rigid_depth_at = from.take()?;
         let complete = from.take()?;
         let not_finite: Option<(String, (usize, usize))> = from.take()?;
         Ok(Self {
@@ -245,6 +259,8 @@ impl Value for AuditSummary {
             shared_volume_max_m3,
             volume_error_max,
             volume_error_at,
+            rigid_depth_max,
+            rigid_depth_at,
             complete,
             not_finite: not_finite.map(|(name, (vertex, frame))| (name, vertex, frame)),
             open: from.take()?,

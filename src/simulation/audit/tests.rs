@@ -241,6 +241,35 @@ fn volumes_are_those_of_the_first_frame() {
 }
 
 #[test]
+fn rigid_surfaces_that_run_into_each_other() {
+    let block = box_surface([0.1, 0.02, 0.02], 0.01);
+    let over = |depth: f64| moved(&block, [0.0, 0.02 - depth, 0.0]);
+    let summary = |depths: &[f64], rigid: bool| {
+        let mut kept = Audit::new();
+        let mut all = AuditSummary::new();
+        for (frame, depth) in depths.iter().enumerate() {
+            let frame_of = [("a", true, &block), ("b", rigid, &over(*depth))];
+            all.add(frame, &kept.frame(&list(&frame_of)));
+        }
+        all
+    };
+    // The block is 0.1 m long. Its vertices reach the other block's inside 3 mm below its surface.
+    let at = |names: [&str; 2], frame| Some((names.map(str::to_owned), frame));
+    let found = summary(&[-0.01, 0.001, 0.003, 0.002], true);
+    assert!((found.rigid_depth_max - 0.03).abs() < 1e-12, "{found:?}");
+    assert_eq!(found.rigid_depth_at, at(["a", "b"], 2));
+    // What a scan has from the start does not count, nor does a way out.
+    let found = summary(&[0.002, 0.003, 0.003, -0.01], true);
+    assert!((found.rigid_depth_max - 0.01).abs() < 1e-12, "{found:?}");
+    assert_eq!(found.rigid_depth_at, at(["a", "b"], 1));
+    let found = summary(&[0.002, 0.002, 0.001, -0.01], true);
+    assert_eq!((found.rigid_depth_max, found.rigid_depth_at), (0.0, None));
+    // A soft surface is no bone.
+    let found = summary(&[-0.01, 0.003], false);
+    assert_eq!((found.rigid_depth_max, found.rigid_depth_at), (0.0, None));
+}
+
+#[test]
 fn held_vertices_are_counted_apart() {
     let ball = icosphere(0.05, 3);
     let bone = moved(&ball, [0.08, 0.0, 0.0]);

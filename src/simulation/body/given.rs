@@ -28,8 +28,14 @@ pub(in crate::simulation) fn attach(
     let (choices, freed): (Vec<_>, Vec<_>) = found.into_iter().unzip();
     let attached = attachments::join(&choices);
     let count = mesh.vertices.len();
+    // Parts with short edges have many vertices and little of the surface, parts with long ones few and
+    // much.
+    let areas = mesh.vertex_areas();
+    let held: f64 = attached.iter().map(|&(v, _)| areas[v as usize]).sum();
+    let too_many = attached.len() as f64 > scene.most_held * count as f64;
+    let too_large = held > scene.most_held * areas.iter().sum::<f64>();
     // A few points (the tetrahedron scenes) may be fixed deliberately.
-    if attached.len() as f64 > scene.most_held * count as f64 && count > 100 {
+    if too_many && too_large && count > 100 {
         let fault = Fault::TooManyAttached {
             held: attached.len(),
             count,

@@ -114,7 +114,7 @@ refused! {
          write a list of three: [\"9.81 m/s2\", \"9.81 m/s2\", \"9.81 m/s2\"]";
     e052_key_behind_a_section: with("effects = 3\n") =>
         "s.toml:9:1: error[E052]: muscle.0: unknown key `effects`; known keys here: name, mesh, shape, unit, \
-         repair, close_holes, keep_largest, merge_within, edge_length, material, attachment, fibres, activation, force, displace";
+         repair, close_holes, cut_handles, keep_largest, merge_within, edge_length, material, attachment, fibres, activation, force, displace";
     e054_true_for_section: with("[effects]\nstretch = true\n") =>
         "s.toml:10:11: error[E054]: effects.stretch: expected a section [effects.stretch], found true or false; \
          write a section [effects.stretch]";
