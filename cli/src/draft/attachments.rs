@@ -407,7 +407,8 @@ mod tests {
             for attachment in found {
                 let held = around.held_by(&attachment.patch.expect("a patch")) / whole;
                 assert!(held <= LIMIT, "{divisions}: {held}");
-                assert!(held >= 0.75 * LIMIT, "{divisions}: {held}");
+                // At a tip, where triangles are small, the number of vertices ends it before the area does.
+                assert!(held >= 0.4 * LIMIT, "{divisions}: {held}");
             }
         }
     }
