@@ -129,7 +129,7 @@ const RUNS: &[Case] = &[
         ],
         wrong: &[
             "--set",
-            "bone.1.motion.keys.1.translation=['-20 mm','5 mm','0 mm']",
+            "bone.1.motion.keys.1.translation=['-4 mm','-5 mm','0 mm']",
         ],
         check: "growth of the depth of two rigid surfaces",
     },
