@@ -248,21 +248,16 @@ impl Draft {
         let _ = writeln!(toml, "\n[[{kind}]]{why}\nname = {name}");
         let (path, unit) = (quoted(&body.path), quoted(&self.unit));
         let _ = write!(toml, "mesh = {path}\nunit = {unit}\n");
-        let cuts = |toml: &mut String| match cut {
-            Some((why, length)) => {
-                let _ = writeln!(toml, "cut_handles = \"{} mm\" # {why}", mm(*length));
-            }
-            None => {}
-        };
+        let cut = cut.map_or(String::new(), |(why, length)| {
+            format!("cut_handles = \"{} mm\" # {why}\n", mm(*length))
+        });
         let Some(Mended { why, options }) = &body.mended else {
-            if cut.is_some() {
-                toml.push_str("repair = true\n");
-                cuts(toml);
+            if !cut.is_empty() {
+                let _ = write!(toml, "repair = true\n{cut}");
             }
             return;
         };
-        let _ = writeln!(toml, "repair = true # {why}");
-        cuts(toml);
+        let _ = write!(toml, "repair = true # {why}\n{cut}");
         if options.close_holes > 0 {
             let _ = writeln!(toml, "close_holes = {}", options.close_holes);
         }
