@@ -17,6 +17,8 @@ import numpy as np
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
 SETS = {
     "knee": (
         ["Femur.r", "Tibia.r"],
@@ -104,7 +106,9 @@ def main():
     parser.add_argument("--right", action="store_true", help="do not mirror")
     parser.add_argument("--spacing", type=float, nargs=3, default=[0.9, 0.9, 1.5], help="of voxels [mm]")
     given = parser.parse_args()
-    data = pathlib.Path(os.environ.get("PLIANT_DATA", "../shared/data")) / "body"
+    data = pathlib.Path(os.environ.get("PLIANT_DATA", ROOT.parent / "shared" / "data")) / "body"
+    if not data.is_dir():
+        raise SystemExit(f"no measured data in {data}: set PLIANT_DATA")
     given.out.mkdir(parents=True, exist_ok=True)
     bones, muscles = SETS[given.joint]
     side = "right" if given.right else "left"
