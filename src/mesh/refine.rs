@@ -151,7 +151,9 @@ pub(crate) fn refine_patch(
     let original = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
     let (mut refined, names, mut drift) =
         remeshed(mesh, &topology, &original, edge_length, progress)?;
-    for _ in 0..CUTS {
+    // What crosses in the original is a finding about it, and stays.
+    let is_new = apart::crosses(&refined) && !apart::crosses(mesh);
+    for _ in 0..if is_new { CUTS } else { 0 } {
         match apart::part(&mut refined, edge_length) {
             Outcome::Clear => break,
             Outcome::Parted => {}

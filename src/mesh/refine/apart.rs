@@ -25,6 +25,11 @@ fn crossed(mesh: &TriangleMesh) -> Vec<u32> {
     all
 }
 
+/// Whether a closed surface crosses itself.
+pub(super) fn crosses(mesh: &TriangleMesh) -> bool {
+    Topology::new(mesh).is_closed() && !crossed(mesh).is_empty()
+}
+
 /// What becomes of crossings.
 pub(super) enum Outcome {
     /// There are none.
@@ -36,11 +41,8 @@ pub(super) enum Outcome {
 }
 
 /// Moves the vertices of triangles that cross along their normals until nothing crosses: outward where the
-/// body is thin, inward where a gap is. An open surface is not examined.
+/// body is thin, inward where a gap is.
 pub(super) fn part(mesh: &mut TriangleMesh, edge_length: f64) -> Outcome {
-    if !Topology::new(mesh).is_closed() {
-        return Outcome::Clear;
-    }
     let first = crossed(mesh);
     if first.is_empty() {
         return Outcome::Clear;
