@@ -35,6 +35,17 @@ const REPAIR_SINE: f64 = 0.422_618;
 const LEAST_SINE: f64 = 0.292_372;
 /// A vertex this near to its smoothed position stays, in target edge lengths.
 const SETTLED: f64 = 0.03;
+/// Edges shorter than this are collapsed at the end at a greater cost of deviation, in target edge lengths:
+/// such as what is left of a hair. Steps follow the shortest edges of a mesh.
+const TINY: f64 = 0.25;
+/// Allowed deviation in each pass of that, in target edge lengths.
+const TINY_DEVIATIONS: [f64; 3] = [0.15, 0.25, 0.5];
+/// What is thinner than a ring of this length is a hair, in target edge lengths, and its end is cut off, of
+/// at most this area, in their squares.
+const HAIR: f64 = 1.0;
+const HAIR_AREA: f64 = 1.0;
+/// Least sine of triangles after it: 6 degrees.
+const TINY_SINE: f64 = 0.104_528;
 /// Rounds end when there is less than one change per this number of triangles; repair does the
 /// rest.
 const ENOUGH: usize = 200;
@@ -205,7 +216,14 @@ fn remeshed(
     if working.is_stopped() {
         return Err(RefineError::Stopped);
     }
-    Ok(working.finish())
+    let has_cut = working.has_cut;
+    let (refined, names, drift) = working.finish();
+    let drift = if has_cut {
+        apart::farthest(mesh, &refined)
+    } else {
+        drift
+    };
+    Ok((refined, names, drift))
 }
 
 fn remesh(working: &mut Working<'_>, edge_length: f64) {
@@ -223,6 +241,7 @@ fn remesh(working: &mut Working<'_>, edge_length: f64) {
         }
     }
     repair(working, edge_length);
+    collapse_tiny(working, edge_length);
 }
 
 fn checked(mesh: &TriangleMesh, edge_length: f64) -> Result<Topology, RefineError> {
@@ -407,6 +426,31 @@ fn repair(working: &mut Working<'_>, edge_length: f64) {
         }
         split_long(working, LONGEST * edge_length);
         flip_for_angles(working, edge_length);
+    }
+}
+
+/// Collapses edges that are far too short, and cuts off hairs, which have such edges around them.
+fn collapse_tiny(working: &mut Working<'_>, edge_length: f64) {
+    for deviation in TINY_DEVIATIONS {
+        let limits = Limits {
+            deviation: deviation * edge_length,
+            longest: LONGEST * edge_length,
+            sine: TINY_SINE,
+        };
+        let mut changes = 1;
+        while changes > 0 {
+            changes = 0;
+            for (length, a, b) in working.edges_by_length(|length| length < TINY * edge_length) {
+                if !working.goes_on() {
+                    return;
+                }
+                let is_there = working.length(a, b) <= length;
+                let (around, area) = (HAIR * edge_length, HAIR_AREA * edge_length * edge_length);
+                let done = is_there
+                    && (working.collapse(a, b, &limits) || working.cut_hair(a, b, around, area));
+                changes += usize::from(done);
+            }
+        }
     }
 }
 

@@ -282,6 +282,50 @@ fn a_hair_thinner_than_the_deviation_does_not_cross_itself() {
         let deviation = apart::farthest(&mesh, &found.mesh);
         assert!(deviation <= found.report.deviation * (1.0 + 1e-9));
         assert!((found.mesh.volume() / plain.volume() - 1.0).abs() <= 0.02);
+        // Nothing is left of it with edges far too short, which would shorten the steps of a run.
+        assert!(
+            found.report.min_edge >= 0.1 * edge,
+            "{}",
+            found.report.min_edge
+        );
     }
     assert!(crossed_before > 0, "control: some cross without it");
+}
+
+#[test]
+fn crossings_of_the_original_stay() {
+    // The pole of a sphere is pushed out of its other side.
+    let mut mesh = icosphere(1.0, 3);
+    let height = |v: &Point3<f64>| v.z;
+    let pole = (0..mesh.vertices.len())
+        .max_by(|a, b| height(&mesh.vertices[*a]).total_cmp(&height(&mesh.vertices[*b])));
+    mesh.vertices[pole.expect("vertices")].z = -1.5;
+    let crossings = |mesh: &TriangleMesh| {
+        crate::mesh::crossings::crossings_of(&mesh.vertices, &mesh.triangles).count
+    };
+    assert!(crossings(&mesh) > 0, "control");
+    let found = refine(&mesh, 0.1).expect("remeshed");
+    assert!(crossings(&found.mesh) > 0);
+    assert!(found.report.deviation <= 0.1, "{}", found.report.deviation);
+}
+
+#[test]
+fn the_end_of_a_hair_is_cut_off_where_it_is_thin_and_small() {
+    use crate::testing::cubes;
+    // A column of a voxel on a block, drawn in at one station to a waist.
+    let mut mesh = cubes([12, 9, 9], |[x, y, z]| x < 8 || [y, z] == [4, 4]);
+    let middle = |v: &Point3<f64>| Point3::new(v.x, 4.5e-3, 4.5e-3);
+    for v in mesh.vertices.iter_mut().filter(|v| v.x > 9.5e-3) {
+        let thin = if (v.x - 10e-3).abs() < 0.1e-3 {
+            0.01
+        } else {
+            0.2
+        };
+        *v = middle(v) + (*v - middle(v)) * thin;
+    }
+    let found = refine(&mesh, 4e-3).expect("remeshed");
+    assert_same_kind(&mesh, &found.mesh);
+    assert!(found.report.min_edge >= TINY * 4e-3);
+    let farthest = apart::farthest(&mesh, &found.mesh);
+    assert!(farthest <= found.report.deviation * (1.0 + 1e-9));
 }

@@ -57,6 +57,8 @@ pub(super) struct Working<'a> {
     /// Number of checks for cancellation.
     queries: usize,
     stopped: bool,
+    /// Whether hairs were cut off, whose samples are gone.
+    pub has_cut: bool,
 }
 
 /// The sine of the smallest angle of a triangle; zero for one without area.
@@ -113,6 +115,7 @@ impl<'a> Working<'a> {
             progress,
             queries: 0,
             stopped: false,
+            has_cut: false,
         };
         working.watch(mesh, topology, 0.5 * edge_length);
         working
@@ -429,6 +432,74 @@ impl<'a> Working<'a> {
         self.rings[a as usize] = kept.clone();
         self.rings[b as usize].clear();
         self.hand_over(samples, &kept);
+    }
+
+    /// Cuts a hair off where three edges that are no triangle, one of them from `a` to `b`, are at most
+    /// `longest` together, and closes the end by a triangle. What is cut off has at most an area of `most`.
+    pub fn cut_hair(&mut self, a: u32, b: u32, longest: f64, most: f64) -> bool {
+        let [Some((t, c)), Some((u, d))] = self.sides(a, b) else {
+            return false;
+        };
+        let near_b = self.neighbours(b);
+        let is_ring = |w: &u32| {
+            let length = self.length(a, b) + self.length(b, *w) + self.length(*w, a);
+            ![c, d].contains(w) && near_b.binary_search(w).is_ok() && length <= longest
+        };
+        let rings: Vec<u32> = self.neighbours(a).into_iter().filter(is_ring).collect();
+        let ends = rings
+            .into_iter()
+            .flat_map(|w| [(t, [a, b, w]), (u, [b, a, w])]);
+        let hair = ends
+            .filter_map(|(first, ring)| Some((self.beyond(first, ring, most)?, ring)))
+            .min_by_key(|(hair, _)| hair.len());
+        let Some((hair, ring)) = hair else {
+            return false;
+        };
+        self.take_samples(&hair);
+        for t in hair {
+            for v in std::mem::replace(&mut self.triangles[t as usize], [NONE; 3]) {
+                self.remove_from_ring(v, t);
+            }
+        }
+        let end = self.triangles.len() as u32;
+        self.triangles.push(ring);
+        self.carried.push(Vec::new());
+        ring.iter().for_each(|v| self.rings[*v as usize].push(end));
+        self.has_cut = true;
+        true
+    }
+
+    /// The triangles on the side of `first` of three edges that divide the surface; `None` if they do not,
+    /// or their area is greater than `most`.
+    fn beyond(&self, first: u32, ring: [u32; 3], most: f64) -> Option<Vec<u32>> {
+        let (mut found, mut area, mut next) = (vec![first], 0.0, 0);
+        while let Some(&t) = found.get(next) {
+            let [a, b, c] = self.triangles[t as usize];
+            area += 0.5 * cross(&self.corners(t)).norm();
+            if !(area <= most) {
+                return None;
+            }
+            for (p, q) in [(a, b), (b, c), (c, a)] {
+                if ring.contains(&p) && ring.contains(&q) {
+                    continue;
+                }
+                let [_, across] = self.sides(p, q);
+                let (across, _) = across?;
+                if !found.contains(&across) {
+                    found.push(across);
+                }
+            }
+            next += 1;
+        }
+        // Both sides of an edge of the ring are one where it does not divide the surface.
+        let [a, b, _] = ring;
+        let is_one = |t: u32| found.contains(&t);
+        let whole = self
+            .sides(a, b)
+            .into_iter()
+            .flatten()
+            .all(|(t, _)| is_one(t));
+        (!whole).then_some(found)
     }
 
     /// True if the surface stays a manifold of the same genus: only the wing tips are neighbours of
