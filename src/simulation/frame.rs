@@ -117,6 +117,10 @@ impl Simulation {
             self.undo(start.as_deref());
             self.control = control;
         }
+        let stops = |body: &Body| matches!(body.stopped, Some((frame, _)) if frame == self.frame);
+        if self.bodies.iter().any(stops) {
+            self.control.let_go();
+        }
         self.control.end_frame();
         if self.bodies.iter().all(|body| body.jump.is_none()) {
             self.control.note_calm(self.residual());

@@ -30,7 +30,13 @@ const CALM: u32 = 8;
 
 /// Twice as many steps bring a residual below this share of itself, or they do not help: they bring an
 /// error of the steps to a quarter.
-const LESS: f64 = 0.7;
+const LESS: f64 = 0.75;
+
+/// Where twice as many steps leave more than this share of a residual, its last part is dear, as that of
+/// the bending of a fold: their number follows it only above the greater share of the tolerance, and at
+/// most to this multiple of the first one. What is not converged then is red.
+const DEAR: (f64, f64) = (0.4, 0.7);
+const MOST_DEAR: u32 = 8;
 
 /// A residual that shorter steps did not lessen is accepted up to this multiple of it.
 const ACCEPTED: f64 = 1.5;
@@ -43,6 +49,10 @@ const EASY: f64 = 0.2;
 /// this share of the tolerance, and falls by that one while it is below that share.
 const RISE: (f64, f64) = (1.06, 0.3);
 const FALL: (f64, f64) = (0.97, 0.2);
+
+/// Where the last part of a residual is dear, their number falls below this share of that above which it
+/// rises. It is less than what a try in vain leaves.
+const AMPLE: f64 = 0.6;
 
 /// Steps that rose by this factor are compared once with longer ones, whether they help.
 const PROVED: u32 = 2;
@@ -143,6 +153,12 @@ impl StepControl {
         }
     }
 
+    /// Goes back to the number of steps of the frame before: what needed more has stopped.
+    pub fn let_go(&mut self) {
+        self.steps = self.taken.max(self.first);
+        self.proved = self.proved.min(self.steps);
+    }
+
     /// Greatest number of steps of a frame, relative to that at the start.
     pub fn most(&self) -> u32 {
         self.most
@@ -166,6 +182,17 @@ impl StepControl {
 
     fn greatest(&self) -> u32 {
         self.first.saturating_mul(self.most)
+    }
+
+    /// Greatest number of steps for the sake of the residual.
+    fn greatest_for_residual(&self) -> u32 {
+        let is_dear = self.follows && self.rises_above >= DEAR.1;
+        let most = if is_dear {
+            MOST_DEAR.min(self.most)
+        } else {
+            self.most
+        };
+        self.first.saturating_mul(most)
     }
 
     /// True if no shorter steps are tried.
@@ -201,6 +228,7 @@ impl StepControl {
             Proof::Whole(half) if !(residual <= LESS * half) => {
                 self.rises_above = ACCEPTED * residual;
             }
+            Proof::Whole(half) if !(residual <= DEAR.0 * half) => self.rises_above = DEAR.1,
             Proof::Whole(_) | Proof::Not => {}
         }
         // NaN is not lessened.
@@ -212,7 +240,7 @@ impl StepControl {
             self.steps = (self.steps / 2).max(self.first);
             return false;
         }
-        if self.is_shortest() {
+        if self.steps.saturating_mul(2) > self.greatest_for_residual() {
             return false;
         }
         self.tried = residual;
@@ -255,8 +283,9 @@ impl StepControl {
         let steps = f64::from(self.steps);
         if residual > self.rises_above {
             self.calm = 0;
-            self.steps = ((RISE.0 * steps).ceil() as u32).min(self.greatest());
-        } else if residual < FALL.1 || residual > 1.0 {
+            let most = self.greatest_for_residual().max(self.steps);
+            self.steps = ((RISE.0 * steps).ceil() as u32).min(most);
+        } else if residual < FALL.1.max(AMPLE * self.rises_above) || residual > 1.0 {
             // More steps are in vain for what is above the tolerance here.
             if residual < FALL.1 {
                 self.rises_above = RISE.1;
@@ -406,6 +435,28 @@ mod tests {
             frame(&mut control, |_| 1.2);
         }
         assert_eq!(control.steps(), 20);
+    }
+
+    #[test]
+    fn a_residual_that_falls_slowly_is_not_followed_at_any_price() {
+        let mut control = following();
+        // As the square root of the number of steps.
+        let root = |load: f64| move |steps: u32| load * (20.0 / f64::from(steps)).sqrt();
+        for k in 0..300 {
+            frame(&mut control, root(f64::from(k) * 0.02));
+        }
+        assert_eq!(control.steps(), 20 * super::MOST_DEAR);
+        // Below the tolerance it takes no more than that needs, and goes back with the load.
+        let taken = (0..300).map(|_| frame(&mut control, root(1.2)).0).last();
+        let residual = root(1.2)(taken.expect("frames"));
+        assert!((0.4..=0.75).contains(&residual), "{residual}");
+        (0..300).for_each(|_| _ = frame(&mut control, root(0.1)));
+        assert_eq!(control.steps(), 20);
+        // Control: one that falls fast has the steps that it needs.
+        let mut control = following();
+        let of = |steps: u32| 200.0 * (20.0 / f64::from(steps)).powi(2);
+        let taken = (0..300).map(|_| frame(&mut control, of).0).last();
+        assert!(taken.expect("frames") > 20 * super::MOST_DEAR);
     }
 
     #[test]
