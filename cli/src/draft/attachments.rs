@@ -134,7 +134,7 @@ pub fn find(
     for (e, (bone, mm)) in far {
         found.push(Attachment {
             bone,
-            patch: Some(around.patch(|v| around.from_tip[e][v], share)),
+            patch: Some(around.patch(around.key_of_far(e, bone), share)),
             far: Some(FarEnd {
                 mm,
                 middle: around.middle_of_tip(e),
@@ -251,6 +251,26 @@ impl<'a> Around<'a> {
             });
         }
         found
+    }
+
+    /// What orders the vertices of an end that a bone holds from afar. Where the end touches the bone after
+    /// all, it is the distance from it: the tip along the length can lie elsewhere, as that of a tendon which
+    /// goes round a head. Otherwise it is the distance from the tip, but what slides on a bone of another
+    /// side is not held, unless nothing is left.
+    fn key_of_far(&self, end: usize, bone: usize) -> impl Fn(usize) -> f64 {
+        let touches = self.within(end, END).any(|v| self.is_near(bone, v));
+        let others = (0..self.sides.len()).filter(|&b| self.sides[b] != self.sides[bone]);
+        let others: Vec<usize> = others.filter(|_| self.turns).collect();
+        let slides = move |v: usize| others.iter().any(|&b| self.is_near(b, v));
+        let is_free = !touches && self.within(end, TIP).any(|v| !slides(v));
+        move |v| {
+            let from = self.from_tip[end][v];
+            match touches {
+                true if from <= END && self.is_near(bone, v) => self.distances[bone][v],
+                false if !is_free || from <= END && !slides(v) => from,
+                _ => f64::INFINITY,
+            }
+        }
     }
 
     /// The attachments to bones that are near, each of at most a `share` of the muscle.
@@ -392,6 +412,54 @@ mod tests {
         assert!(loose[0].at.z < -0.08);
         assert_eq!(loose[0].nearest.map(|n| n.0), Some(1));
         assert_eq!(find(&spindle(), &[], None).1.len(), 2);
+    }
+
+    /// The corners of a patch of a mesh, and the distances of the nearest from a bone [mm].
+    fn away(mesh: &TriangleMesh, attachment: &Attachment, bone: &Surface) -> Vec<f64> {
+        let triangles = attachment.patch.as_ref().expect("a patch").iter();
+        let corners = triangles.flat_map(|&t| mesh.corners(t as usize));
+        let to = |x| bone.closest(&x).map(|c| 1e3 * c.distance.abs());
+        corners.filter_map(to).collect()
+    }
+
+    #[test]
+    fn what_slides_on_another_bone_is_not_held_from_afar() {
+        // A bone that rests touches the flank of the lower end, which a bone that turns holds from below.
+        let bones = [block(0.0, 0.111), block(0.0, -0.14), block(0.068, -0.085)];
+        let mesh = spindle_of(5);
+        let held = |bones: &[Surface]| {
+            let (found, _) = find(&mesh, bones, Some(&[1]));
+            found.into_iter().find(|a| a.bone == 1).expect("it holds")
+        };
+        let found = held(&bones);
+        assert!(found.far.is_some());
+        let least = away(&mesh, &found, &bones[2]).into_iter();
+        let least = least.fold(f64::INFINITY, f64::min);
+        assert!(least > NEAR_MM, "{least}");
+        let without = away(&mesh, &held(&bones[..2]), &bones[2]);
+        assert!(without.iter().any(|mm| *mm <= NEAR_MM), "control");
+    }
+
+    #[test]
+    fn a_bone_that_touches_an_end_after_all_holds_what_is_near_to_it() {
+        // A bone that turns lies along the whole bar, and one that rests touches its other flank.
+        let bar = box_surface([0.04, 0.04, 0.2], 0.005);
+        let boxed = |size, x, z| {
+            let mut mesh = box_surface(size, 0.01);
+            mesh.vertices.iter_mut().for_each(|v| {
+                v.x += x;
+                v.z += z;
+            });
+            Surface::new(&mesh)
+        };
+        let bones = [
+            boxed([0.02, 0.04, 0.2], -0.031, 0.0),
+            boxed([0.02, 0.02, 0.03], 0.031, -0.07),
+        ];
+        let (found, _) = find(&bar, &bones, Some(&[0]));
+        let found = found.iter().find(|a| a.bone == 1).expect("it holds");
+        let farthest = max_or_nan(away(&bar, found, &bones[1]));
+        assert!(farthest <= NEAR_MM, "{farthest}");
     }
 
     #[test]
