@@ -96,6 +96,7 @@ pub(super) const KINDS: [KindSpec; 4] = [
         name: "muscles",
         keys: &[
             ("accuracy", Text),
+            ("up", Plain),
             ("limits", Table(&Schema::Keys(&LIMITS))),
             ("bone", List(&schema::BONE)),
             ("capsule", List(&schema::CAPSULE)),

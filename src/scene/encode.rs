@@ -26,6 +26,7 @@ impl Encode for Scene {
             name,
             frames,
             frame_rate,
+            up,
             bones,
             capsules,
             muscles,
@@ -41,6 +42,7 @@ impl Encode for Scene {
         to.field("name", name);
         to.field("frames", frames);
         to.field("frame_rate", frame_rate);
+        to.field("up", up);
         to.field("bone", bones);
         to.field("capsule", capsules);
         to.field("muscle", muscles);

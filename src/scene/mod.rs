@@ -87,6 +87,8 @@ pub struct Scene {
     pub frames: usize,
     /// Frames a second [1/s].
     pub frame_rate: f64,
+    /// The direction that is up in pictures, of length 1.
+    pub up: Vector3<f64>,
     /// Rigid bodies with prescribed motions.
     pub bones: Vec<BoneSpec>,
     /// Covers of joints that muscles must not penetrate.

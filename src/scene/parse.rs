@@ -20,7 +20,7 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Unit, Vector3};
 
 use super::content::{KINDS, KindSpec};
 use super::error::{Gathered, SceneError, SceneProblem};
@@ -188,6 +188,8 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
     let frames = all.keep(frames(root));
     let rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive);
     let rate = all.keep(rate);
+    let up = root.get("up").map(|item| item.direction()).transpose();
+    let up = all.keep(up).flatten();
     let mut taken = HashSet::new();
     let bones = bones(root, &mut taken, &mut all);
     if bones.len() < root.each_section("bone").len() {
@@ -225,6 +227,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         name,
         frames: frames.unwrap_or_default(),
         frame_rate: rate.unwrap_or_default(),
+        up: up.map_or_else(Vector3::y, Unit::into_inner),
         bones,
         capsules: capsules.unwrap_or_default(),
         interfaces: interfaces.flatten().unwrap_or_default(),

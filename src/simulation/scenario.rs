@@ -42,6 +42,8 @@ pub struct SceneDescription {
     /// File names of rigid bodies (bones, obstacles, a ball), and their meshes in their own frames
     /// [m].
     pub bones: Vec<(String, TriangleMesh)>,
+    /// The direction that is up in pictures, of length 1.
+    pub up: Vector3<f64>,
 }
 
 /// A deformable body of a [`SceneDescription`].

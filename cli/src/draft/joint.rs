@@ -118,6 +118,8 @@ pub struct Joint {
     pub axis: Unit<Vector3<f64>>,
     /// What the sense of the axis comes from.
     pub sense: &'static str,
+    /// Along the bone from which the other one hangs, or that hangs from it.
+    pub up: Unit<Vector3<f64>>,
 }
 
 impl Joint {
@@ -258,6 +260,7 @@ impl KnownJoint {
             fit,
             axis,
             sense,
+            up,
         })
     }
 

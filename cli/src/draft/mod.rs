@@ -13,6 +13,7 @@ use std::path::PathBuf;
 
 use attachments::{Attachment, LooseEnd, NEAR_MM, WITHIN_MM};
 use joint::Joint;
+use nalgebra::{Unit, Vector3};
 use pliant::contact::Surface;
 use pliant::format::counted;
 use pliant::io::file_name;
@@ -96,6 +97,14 @@ pub struct Draft {
     pub parts: Option<PathBuf>,
     /// What was found of each muscle; empty before [`Draft::examine`].
     pub held: Vec<Held>,
+}
+
+/// The axis of the coordinates that is nearest to a direction.
+fn nearest_axis(direction: &Unit<Vector3<f64>>) -> [i32; 3] {
+    let mut axis = [0; 3];
+    let most = direction.iamax();
+    axis[most] = if direction[most] < 0.0 { -1 } else { 1 };
+    axis
 }
 
 /// The repair of a mesh that a simulation does not accept as it is; `None` for a sound mesh.
@@ -203,6 +212,16 @@ impl Draft {
                 "# Lengths of all files are in {}: {}.",
                 self.unit, self.unit_why
             );
+        }
+        if let Some(joint) = &self.joint {
+            let up = nearest_axis(&joint.up);
+            // It is what a scene without the key has.
+            if up != [0, 1, 0] {
+                let _ = writeln!(
+                    toml,
+                    "up = {up:?} # in pictures: along the bones of the joint"
+                );
+            }
         }
         for (b, bone) in self.bones.iter().enumerate() {
             self.put_body(&mut toml, "bone", bone, None);

@@ -44,6 +44,8 @@ const LINE: colour::Rgb = [0.95, 0.95, 0.97];
 #[derive(Clone, Debug)]
 pub struct Stage {
     view: View,
+    /// The direction that is up, of length 1.
+    up: Vector3<f64>,
     /// True if the view is from outside the bones.
     is_outside: bool,
     focus: Vec<Point3<f64>>,
@@ -59,6 +61,7 @@ impl Stage {
         let (view, is_outside) = view(cast, first, &bounds);
         Self {
             view,
+            up: cast.up,
             is_outside,
             focus: bounds.corners().to_vec(),
             range: (0.0, most),
@@ -68,15 +71,15 @@ impl Stage {
     /// The stage from three sides, with their names: unchanged, from the side, and from above, or
     /// from the front if the view is already from above or below.
     fn sides(&self) -> [(&'static str, Self); 3] {
-        let up = Vector3::y();
+        let up = self.up;
         let from = self.view.from.try_normalize(0.0).unwrap_or_else(Vector3::z);
-        let level = from - up * from.y;
+        let level = from - up * from.dot(&up);
         // If the side is arbitrary, bodies lie along the axes; otherwise the sine of the angle to
         // the vertical decides.
         let ahead = level
             .try_normalize(1e-6)
             .filter(|_| self.is_outside)
-            .unwrap_or_else(Vector3::z);
+            .unwrap_or_else(|| ahead(&up));
         let is_level = !self.is_outside || level.norm() > 0.5;
         let seen = |from: Vector3<f64>, up| Self {
             view: View::orthographic(from, up),
@@ -387,11 +390,21 @@ fn view(cast: &SceneDescription, first: &FrameState, bounds: &Aabb) -> (View, bo
     // If bones are on all sides, as with two plates, any side is suitable.
     let clear = outward.filter(|o| o.norm() > 0.03 * bounds.extents().amax());
     let outward = clear.and_then(|o| o.try_normalize(0.0));
-    let from = outward.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize());
+    let up = cast.up;
+    let aside = |ahead: Vector3<f64>| (ahead + 0.5 * up.cross(&ahead)).normalize();
+    let from = outward.unwrap_or_else(|| aside(ahead(&up)));
     (
-        View::orthographic(from + Vector3::y() * RAISED, Vector3::y()),
+        View::orthographic(from + up * RAISED, up),
         outward.is_some(),
     )
+}
+
+/// A level direction, of length 1: that of z with y up.
+fn ahead(up: &Vector3<f64>) -> Vector3<f64> {
+    [Vector3::x(), Vector3::y()]
+        .iter()
+        .find_map(|side| side.cross(up).try_normalize(0.5))
+        .unwrap_or_else(Vector3::z)
 }
 
 #[cfg(test)]
@@ -402,6 +415,7 @@ mod tests {
         let view = View::orthographic(from, Vector3::y());
         Stage {
             view,
+            up: Vector3::y(),
             is_outside,
             focus: vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)],
             range: (0.0, 1.0),

@@ -24,6 +24,8 @@ impl Fingerprint {
             name,
             frames: _,
             frame_rate,
+            // Only pictures show it.
+            up: _,
             bones,
             capsules,
             muscles,

@@ -3,7 +3,7 @@
 
 use std::collections::HashSet;
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{
     BodyDescription, BodyState, LeftOut, Plan, Planned, Scenario, ScenarioError, ScenarioKind,
@@ -156,6 +156,7 @@ impl Scenario for GeometricRun {
         SceneDescription {
             bodies,
             bones: Vec::new(),
+            up: Vector3::y(),
         }
     }
 

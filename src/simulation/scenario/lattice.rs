@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::{
     BodyDescription, BodyState, Scenario, ScenarioError, ScenarioKind, SceneDescription, Stepped,
@@ -57,6 +57,7 @@ impl Scenario for LatticeRun {
                 &mut HashSet::new(),
             )],
             bones: Vec::new(),
+            up: Vector3::y(),
         }
     }
 

@@ -47,7 +47,11 @@ impl Scenario for Simulation {
             let file = unused(&format!("bone_{}", bone.name), &mut used);
             bones.push((file, mesh.clone()));
         }
-        SceneDescription { bodies, bones }
+        SceneDescription {
+            bodies,
+            bones,
+            up: self.scene.up,
+        }
     }
 
     fn poses(&self, frame: usize) -> Vec<Isometry3<f64>> {

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use nalgebra::{Isometry3, Translation3};
+use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::{
     BodyDescription, BodyState, Scenario, ScenarioKind, SceneDescription, Stepped, at_rest, unused,
@@ -121,7 +121,11 @@ impl Scenario for SkinRun {
             let mesh = shapes::icosphere(ball.radius, BALL_LEVELS);
             bones.push((unused("ball", &mut used), mesh));
         }
-        SceneDescription { bodies, bones }
+        SceneDescription {
+            bodies,
+            bones,
+            up: Vector3::y(),
+        }
     }
 
     fn poses(&self, frame: usize) -> Vec<Isometry3<f64>> {

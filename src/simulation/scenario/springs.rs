@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::{
     BodyDescription, BodyState, FrameState, Scenario, ScenarioKind, SceneDescription, Stepped,
@@ -61,6 +61,7 @@ impl Scenario for SpringsRun {
         SceneDescription {
             bodies: vec![body],
             bones: Vec::new(),
+            up: Vector3::y(),
         }
     }
 

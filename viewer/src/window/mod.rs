@@ -102,7 +102,13 @@ fn fitted(shot: &Shot, aspect: f64) -> Camera {
         min: Point3::origin(),
         max: Point3::origin(),
     });
-    Camera::fit(&bounds, outward(shot), Vector3::y()).in_window(aspect)
+    Camera::fit(&bounds, outward(shot), up(shot)).in_window(aspect)
+}
+
+fn up(shot: &Shot) -> Vector3<f64> {
+    shot.scene
+        .as_ref()
+        .map_or_else(Vector3::y, |scene| scene.up)
 }
 
 /// Direction from the bones to the bodies, slightly from above.
@@ -126,7 +132,7 @@ fn outward(shot: &Shot) -> Vector3<f64> {
         .zip(bones)
         .map(|(a, b)| a - b)
         .and_then(|away| away.try_normalize(0.0));
-    away.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize()) + Vector3::y() * 0.15
+    away.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize()) + up(shot) * 0.15
 }
 
 /// The state of a window.
