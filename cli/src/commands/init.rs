@@ -423,7 +423,7 @@ fn joint(
     let mut possible = Vec::new();
     for known in JOINTS.iter().filter(|known| known.is_among(&bones)) {
         let joint = known.fit(&bones, None).map_err(no_joint)?;
-        possible.push((crossing(&joint, assets, &surfaces), joint));
+        possible.push((crossing(&joint, draft, assets, &surfaces), joint));
     }
     // The first of those that most muscles cross.
     let most = possible.iter().map(|(count, _)| *count).max().unwrap_or(0);
@@ -437,13 +437,18 @@ fn joint(
 }
 
 /// Number of muscles with attachments to bones that rest and to bones that turn.
-fn crossing(joint: &Joint, assets: &Assets, surfaces: &[Surface]) -> usize {
-    let crosses = |mesh: &TriangleMesh| {
-        let (found, _) = crate::draft::attachments::find(mesh, surfaces, Some(&joint.turns));
+fn crossing(joint: &Joint, draft: &Draft, assets: &Assets, surfaces: &[Surface]) -> usize {
+    let crosses = |name: &str, mesh: &TriangleMesh| {
+        let told = crate::draft::names::crosses(name, joint.known.name);
+        let turning = Some(joint.turns.as_slice());
+        let (found, _) = crate::draft::attachments::find(mesh, surfaces, turning, told);
         let turns = |turns: bool| found.iter().any(|a| joint.turns.contains(&a.bone) == turns);
         turns(true) && turns(false)
     };
-    assets.muscles.iter().filter(|m| crosses(&m.mesh)).count()
+    let muscles = draft.muscles.iter().zip(&assets.muscles);
+    muscles
+        .filter(|(body, asset)| crosses(&body.name, &asset.mesh))
+        .count()
 }
 
 /// The two bones that the user names.

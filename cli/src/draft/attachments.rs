@@ -91,11 +91,12 @@ struct Around<'a> {
 /// The attachments of a muscle: at each end, to the bones of one side of the joint within [`NEAR_MM`] or, if
 /// there are none, to the bone nearest to the tip. A bone that is near elsewhere is only passed. Also the
 /// ends that are far from every bone. `turns` tells the bones that a joint turns; without a joint each bone
-/// is a side of its own.
+/// is a side of its own. Without a name that tells otherwise (`crosses`), a muscle crosses the joint.
 pub fn find(
     muscle: &TriangleMesh,
     bones: &[Surface],
     turns: Option<&[usize]>,
+    crosses: Option<bool>,
 ) -> (Vec<Attachment>, Vec<LooseEnd>) {
     let Some(around) = Around::new(muscle, bones, turns) else {
         return (Vec::new(), Vec::new());
@@ -111,7 +112,7 @@ pub fn find(
     });
     let mut far = Vec::new();
     for e in open {
-        let other = ends[1 - e];
+        let other = ends[1 - e].filter(|_| crosses != Some(false));
         let found = around
             .held_from_afar(e, other)
             .or(around.held_from_afar(e, None));
@@ -119,7 +120,7 @@ pub fn find(
         far.extend(found.map(|found| (e, found)));
     }
     // A muscle that lies along one side of a joint often reaches the other one by a tendon.
-    if turns.is_some() && ends[0].is_some() && ends[0] == ends[1] {
+    if turns.is_some() && crosses != Some(false) && ends[0].is_some() && ends[0] == ends[1] {
         let each = (0..2).filter_map(|e| Some((e, around.held_from_afar(e, ends[e])?)));
         if let Some((e, found)) = each.min_by(|a, b| a.1.1.total_cmp(&b.1.1)) {
             ends[e] = Some(around.sides[found.0]);
@@ -391,7 +392,7 @@ mod tests {
     fn bones_near_both_ends_hold() {
         let bones = [block(0.0, 0.111), block(0.0, -0.111)];
         for turns in [None, Some(&[1_usize][..])] {
-            let (found, loose) = find(&spindle(), &bones, turns);
+            let (found, loose) = find(&spindle(), &bones, turns, None);
             assert_eq!((found.len(), loose.len()), (2, 0), "{turns:?}");
             assert!(found.iter().all(|a| a.patch.is_none() && a.far.is_none()));
         }
@@ -400,18 +401,18 @@ mod tests {
     #[test]
     fn an_end_without_a_tendon_is_held_from_afar_and_not_from_farther() {
         let bones = [block(0.0, 0.111), block(0.0, -0.14)];
-        let (found, loose) = find(&spindle(), &bones, None);
+        let (found, loose) = find(&spindle(), &bones, None, None);
         assert_eq!((found.len(), loose.len()), (2, 0));
         let mm = found[1].far.as_ref().expect("from afar").mm;
         assert!((mm - 30.0).abs() <= 0.1, "{mm}");
         assert!(heights(&found[1]).iter().all(|z| *z <= -0.07));
         // Control: nothing is within three tenths of its length.
         let bones = [block(0.0, 0.111), block(0.0, -0.2)];
-        let (found, loose) = find(&spindle(), &bones, None);
+        let (found, loose) = find(&spindle(), &bones, None, None);
         assert_eq!((found.len(), loose.len()), (1, 1));
         assert!(loose[0].at.z < -0.08);
         assert_eq!(loose[0].nearest.map(|n| n.0), Some(1));
-        assert_eq!(find(&spindle(), &[], None).1.len(), 2);
+        assert_eq!(find(&spindle(), &[], None, None).1.len(), 2);
     }
 
     /// The corners of a patch of a mesh, and the distances of the nearest from a bone [mm].
@@ -428,7 +429,7 @@ mod tests {
         let bones = [block(0.0, 0.111), block(0.0, -0.14), block(0.068, -0.085)];
         let mesh = spindle_of(5);
         let held = |bones: &[Surface]| {
-            let (found, _) = find(&mesh, bones, Some(&[1]));
+            let (found, _) = find(&mesh, bones, Some(&[1]), None);
             found.into_iter().find(|a| a.bone == 1).expect("it holds")
         };
         let found = held(&bones);
@@ -456,7 +457,7 @@ mod tests {
             boxed([0.02, 0.04, 0.2], -0.031, 0.0),
             boxed([0.02, 0.02, 0.03], 0.031, -0.07),
         ];
-        let (found, _) = find(&bar, &bones, Some(&[0]));
+        let (found, _) = find(&bar, &bones, Some(&[0]), None);
         let found = found.iter().find(|a| a.bone == 1).expect("it holds");
         let farthest = max_or_nan(away(&bar, found, &bones[1]));
         assert!(farthest <= NEAR_MM, "{farthest}");
@@ -470,7 +471,7 @@ mod tests {
             let mesh = spindle_of(divisions);
             let around = Around::new(&mesh, &bones, None).expect("a muscle");
             let whole: f64 = around.areas.iter().sum();
-            let (found, _) = find(&mesh, &bones, None);
+            let (found, _) = find(&mesh, &bones, None, None);
             assert_eq!(found.len(), 2);
             for attachment in found {
                 let held = around.held_by(&attachment.patch.expect("a patch")) / whole;
@@ -485,7 +486,7 @@ mod tests {
     fn a_bone_that_is_only_passed_does_not_hold() {
         // The second bone touches the flank beside the upper end, and the third is far below.
         let bones = [block(0.0, 0.111), block(0.0645, 0.03), block(0.0, -0.14)];
-        let (found, _) = find(&spindle(), &bones, Some(&[1, 2]));
+        let (found, _) = find(&spindle(), &bones, Some(&[1, 2]), None);
         let holders: Vec<usize> = found.iter().map(|a| a.bone).collect();
         assert_eq!(holders, [0, 2]);
         // One that turns and also touches the lower end holds that end alone.
@@ -495,7 +496,7 @@ mod tests {
             v.z -= 0.04;
         });
         let bones = [block(0.0, 0.111), block(0.0, -0.111), Surface::new(&long)];
-        let (found, _) = find(&spindle(), &bones, Some(&[1, 2]));
+        let (found, _) = find(&spindle(), &bones, Some(&[1, 2]), None);
         let third = found.iter().find(|a| a.bone == 2).expect("it holds");
         assert!(
             heights(third).iter().all(|z| *z <= 0.02),
@@ -503,7 +504,7 @@ mod tests {
             heights(third)
         );
         // One that rests holds a part of what is near, and nothing else, although a patch could be larger.
-        let (found, _) = find(&spindle(), &bones, Some(&[1]));
+        let (found, _) = find(&spindle(), &bones, Some(&[1]), None);
         let third = found.iter().find(|a| a.bone == 2).expect("it holds");
         let triangles = third.patch.as_ref().expect("a patch").iter();
         let corners = triangles.flat_map(|&t| spindle().corners(t as usize));
@@ -522,7 +523,7 @@ mod tests {
         });
         let bones = [block(0.0, 0.111), Surface::new(&shaft)];
         let highest_held = |turns: &[usize]| {
-            let (found, _) = find(&bar, &bones, Some(turns));
+            let (found, _) = find(&bar, &bones, Some(turns), None);
             let shaft = found.into_iter().find(|a| a.bone == 1).expect("it holds");
             shaft.patch.map(|patch| {
                 let corners = patch.iter().flat_map(|&t| bar.corners(t as usize));
@@ -542,9 +543,13 @@ mod tests {
         shaft.vertices.iter_mut().for_each(|v| v.x += 0.031);
         // The spindle touches the shaft at its middle alone, so that both tips are as near to it.
         let bones = [Surface::new(&shaft), block(0.0, -0.14)];
-        let (found, loose) = find(&spindle(), &bones, Some(&[1]));
+        let (found, loose) = find(&spindle(), &bones, Some(&[1]), None);
         assert!(loose.is_empty());
         let far = found.iter().find(|a| a.bone == 1).expect("the other side");
         assert!(heights(far).iter().all(|z| *z <= -0.07));
+        // Not if its name tells that it does not cross the joint.
+        let (found, loose) = find(&spindle(), &bones, Some(&[1]), Some(false));
+        let holders: Vec<usize> = found.iter().map(|a| a.bone).collect();
+        assert_eq!((holders, loose.len()), (vec![0], 0));
     }
 }

@@ -155,7 +155,9 @@ impl Draft {
 
     fn examine_one(&self, muscle: &Body, mesh: &TriangleMesh, bones: &[Surface]) -> Held {
         let turns = self.joint.as_ref().map(|joint| joint.turns.as_slice());
-        let (mut attachments, loose) = attachments::find(mesh, bones, turns);
+        let joint = self.joint.as_ref();
+        let crosses = joint.and_then(|joint| names::crosses(&muscle.name, joint.known.name));
+        let (mut attachments, loose) = attachments::find(mesh, bones, turns, crosses);
         if let Some(joint) = &self.joint {
             let is_held_from_afar = |a: &&mut Attachment| joint.turns.contains(&a.bone);
             for attachment in attachments.iter_mut().filter(is_held_from_afar) {

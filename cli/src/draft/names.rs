@@ -143,6 +143,59 @@ const MUSCLES: [&str; 56] = [
     "iliocost",
 ];
 
+/// The joints, as `joint::JOINTS` names them, that a muscle crosses whose name has words with these
+/// beginnings. The first row that fits holds.
+const CROSSED: [(&[&str], &[&str]); 40] = [
+    (&["biceps", "short", "femor"], &["knee"]),
+    (&["biceps", "femor"], &["hip", "knee"]),
+    (&["biceps"], &["shoulder", "elbow"]),
+    (&["triceps", "long"], &["shoulder", "elbow"]),
+    (&["triceps", "surae"], &["knee", "ankle"]),
+    (&["triceps"], &["elbow"]),
+    (&["rectus", "femor"], &["hip", "knee"]),
+    (&["quadratus", "femor"], &["hip"]),
+    (&["glut"], &["hip"]),
+    (&["iliacus"], &["hip"]),
+    (&["iliopsoas"], &["hip"]),
+    (&["psoas"], &["hip"]),
+    (&["adductor", "poll"], &[]),
+    (&["adductor"], &["hip"]),
+    (&["pectine"], &["hip"]),
+    (&["piriform"], &["hip"]),
+    (&["obturator"], &["hip"]),
+    (&["gemell"], &["hip"]),
+    (&["gracilis"], &["hip", "knee"]),
+    (&["sartorius"], &["hip", "knee"]),
+    (&["tensor"], &["hip", "knee"]),
+    (&["semi"], &["hip", "knee"]),
+    (&["vastus"], &["knee"]),
+    (&["popliteus"], &["knee"]),
+    (&["gastroc"], &["knee", "ankle"]),
+    (&["plantaris"], &["knee", "ankle"]),
+    (&["soleus"], &["ankle"]),
+    (&["tibialis"], &["ankle"]),
+    (&["peroneus"], &["ankle"]),
+    (&["fibularis"], &["ankle"]),
+    (&["deltoid"], &["shoulder"]),
+    (&["subscap"], &["shoulder"]),
+    (&["infraspin"], &["shoulder"]),
+    (&["supraspin"], &["shoulder"]),
+    (&["teres", "m"], &["shoulder"]),
+    (&["latissimus"], &["shoulder"]),
+    (&["coracobrach"], &["shoulder"]),
+    (&["brachiorad"], &["elbow"]),
+    (&["brachialis"], &["elbow"]),
+    (&["anconeus"], &["elbow"]),
+];
+
+/// Whether a muscle crosses a joint, by its name; `None` if that does not tell.
+pub fn crosses(muscle: &str, joint: &str) -> Option<bool> {
+    let words = words(muscle);
+    let has = |begin: &&str| words.iter().any(|word| word.starts_with(begin));
+    let row = CROSSED.iter().find(|(begins, _)| begins.iter().all(has));
+    row.map(|(_, joints)| joints.contains(&joint))
+}
+
 /// The words of a name, in small letters: it is divided at all but letters, and before a capital letter
 /// after a small one.
 fn words(name: &str) -> Vec<String> {
@@ -233,6 +286,41 @@ mod tests {
         is("shipment", None);
         is("cosmos", None);
         is("", None);
+    }
+
+    #[test]
+    fn names_tell_which_joints_a_muscle_crosses() {
+        let joints = |name: &str| -> Vec<&str> {
+            let all = super::super::joint::JOINTS.iter().map(|joint| joint.name);
+            all.filter(|joint| crosses(name, joint) == Some(true))
+                .collect()
+        };
+        for (name, crossed) in [
+            ("Vastus_lateralis_muscle.r", &["knee"][..]),
+            ("Long_head_of_biceps_femoris.r", &["hip", "knee"]),
+            ("Short_head_of_biceps_femoris.r", &["knee"]),
+            ("Short_head_of_biceps_brachii.r", &["shoulder", "elbow"]),
+            ("Segmentation_rectus femoris left", &["hip", "knee"]),
+            ("soleus", &["ankle"]),
+            ("Medial_head_of_gastrocnemius.r", &["knee", "ankle"]),
+            ("Brachialis_muscle.r", &["elbow"]),
+            ("SemimembranosusLeft", &["hip", "knee"]),
+            ("Teres_minor.r", &["shoulder"]),
+        ] {
+            assert_eq!(joints(name), crossed, "{name}");
+        }
+        assert_eq!(crosses("segment_1", "hip"), None);
+        assert_eq!(crosses("Vastus_medialis", "hip"), Some(false));
+        // Names of joints, and words of muscles that are known.
+        for (begins, joints) in CROSSED {
+            assert!(
+                kind(begins[0]).is_some() || begins == ["semi"],
+                "{begins:?}"
+            );
+            for joint in joints {
+                assert!(super::super::joint::known(joint).is_some(), "{joint}");
+            }
+        }
     }
 
     #[test]
