@@ -180,7 +180,7 @@ impl<K: Kind> Running<K> {
 
     /// Updates the constant data of a new surface.
     fn describe(&mut self) {
-        let SceneDescription { bodies, bones } = self.run.description();
+        let SceneDescription { bodies, bones, .. } = self.run.description();
         let mut stage = Stage {
             bodies: Vec::new(),
             bones,
