@@ -426,7 +426,7 @@ mod tests {
     #[test]
     fn what_slides_on_another_bone_is_not_held_from_afar() {
         // A bone that rests touches the flank of the lower end, which a bone that turns holds from below.
-        let bones = [block(0.0, 0.111), block(0.0, -0.14), block(0.068, -0.085)];
+        let bones = [block(0.0, 0.111), block(0.0, -0.14), block(0.0615, -0.085)];
         let mesh = spindle_of(5);
         let held = |bones: &[Surface]| {
             let (found, _) = find(&mesh, bones, Some(&[1]), None);
