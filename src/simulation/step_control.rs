@@ -450,7 +450,7 @@ mod tests {
     fn a_state_of_the_control_comes_back() {
         let mut control = following();
         for _ in 0..30 {
-            frame(&mut control, |steps| 300.0 / f64::from(steps));
+            frame(&mut control, |steps| 100.0 / f64::from(steps));
         }
         let mut bytes = Writer::default();
         control.save(&mut bytes);
