@@ -40,12 +40,12 @@ const SETTLED: f64 = 0.03;
 const TINY: f64 = 0.25;
 /// Allowed deviation in each pass of that, in target edge lengths.
 const TINY_DEVIATIONS: [f64; 3] = [0.15, 0.25, 0.5];
+/// Least sine of triangles after such a collapse: 6 degrees.
+const TINY_SINE: f64 = 0.104_528;
 /// What is thinner than a ring of this length is a hair, in target edge lengths, and its end is cut off, of
 /// at most this area, in their squares.
 const HAIR: f64 = 1.0;
 const HAIR_AREA: f64 = 1.0;
-/// Least sine of triangles after it: 6 degrees.
-const TINY_SINE: f64 = 0.104_528;
 /// Rounds end when there is less than one change per this number of triangles; repair does the
 /// rest.
 const ENOUGH: usize = 200;
@@ -127,7 +127,8 @@ pub enum RefineError {
 ///
 /// A closed mesh stays closed. A boundary keeps its vertices: its edges are split, never collapsed.
 /// Orientation, components and Euler characteristic are unchanged. The surface keeps shorter edges
-/// at details that triangles of this edge length cannot follow within a tenth of it. Where two sides of a
+/// at details that triangles of this edge length cannot follow within a tenth of it; edges below a quarter
+/// of it may deviate by half of it, and are collapsed where they can be. Where two sides of a
 /// thin part would cross, they are drawn apart by up to a fifth of an edge, and what is thinner still is
 /// cut off, as a hair; the deviation tells it. The result is deterministic.
 ///
