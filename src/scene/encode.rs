@@ -149,11 +149,13 @@ impl Encode for BoneSpec {
             name,
             surface,
             repair,
+            edge_length,
             motion,
         } = self;
         to.field("name", name);
         to.field("surface", surface);
         to.field("repair", repair);
+        to.field("edge_length", edge_length);
         to.field("motion", motion);
     }
 }

@@ -165,6 +165,8 @@ pub struct BoneSpec {
     pub surface: Source,
     /// Repair of the surface, lengths in metres; `None` for none.
     pub repair: Option<repair::RepairOptions>,
+    /// Target edge length \[m\]; `None` keeps the mesh unchanged.
+    pub edge_length: Option<f64>,
     /// Motion; empty for a bone at rest.
     pub motion: Motion,
 }

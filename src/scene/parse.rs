@@ -257,6 +257,7 @@ fn bones(root: &Section<'_>, taken: &mut HashSet<String>, all: &mut Gathered) ->
             continue;
         };
         let (surface, repair) = (all.keep(surface(&section)), all.keep(repair(&section)));
+        let edge_length = all.keep(edge_length(&section));
         let motion = section.section("motion").and_then(|of| match of {
             Some(section) => motion::read(&section),
             None => Ok(super::Motion::default()),
@@ -266,10 +267,19 @@ fn bones(root: &Section<'_>, taken: &mut HashSet<String>, all: &mut Gathered) ->
             name,
             surface: surface.unwrap_or_else(|| Source::Shape(String::new())),
             repair: repair.flatten(),
+            edge_length: edge_length.flatten(),
             motion: motion.unwrap_or_default(),
         });
     }
     bones
+}
+
+/// The edge length \[m\] of a bone, a muscle or a skin after remeshing, if one is given.
+pub(super) fn edge_length(section: &Section<'_>) -> Result<Option<f64>, SceneError> {
+    let given = section.get("edge_length");
+    given
+        .map(|item| item.quantity(Dimension::Length, Limit::Positive))
+        .transpose()
 }
 
 /// Capsules and bones have unique names in common: both are obstacles, and reports show them alike.

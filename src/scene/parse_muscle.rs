@@ -3,7 +3,7 @@
 use super::effects::material_constants;
 use super::error::{SceneError, SceneProblem};
 use super::keys::KeyValue;
-use super::parse::{KnownBones, file, file_at, repair, shape, surface};
+use super::parse::{KnownBones, edge_length, file, file_at, repair, shape, surface};
 use super::reader::{Item, Limit, Section};
 use super::tree::Value;
 use super::units::Dimension;
@@ -28,10 +28,7 @@ pub(super) fn muscle(
 ) -> Result<Muscle, SceneError> {
     let surface = surface(section)?;
     let repair = repair(section)?;
-    let edge_length = section
-        .get("edge_length")
-        .map(|i| i.quantity(Dimension::Length, Limit::Positive))
-        .transpose()?;
+    let edge_length = edge_length(section)?;
     let material = match section.section("material")? {
         Some(section) => material(&section)?,
         None => Material::default(),

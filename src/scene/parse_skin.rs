@@ -8,7 +8,9 @@ use super::content::{
     BallSpec, FillCourse, ImplantFill, ObstacleSpec, SkinScene, SkinSpec, SkinSurface, Support,
 };
 use super::error::{SceneError, SceneProblem};
-use super::parse::{checked_name, repair, surface, surface_of, unique_name, unknown_name};
+use super::parse::{
+    checked_name, edge_length, repair, surface, surface_of, unique_name, unknown_name,
+};
 use super::reader::{Item, Limit, Section};
 use super::units::Dimension;
 use super::{SceneOrigin, Source};
@@ -48,10 +50,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
     }
     let skin = skin(section, root)?;
     let tissue = tissue(section)?;
-    let edge = section
-        .get("edge_length")
-        .map(|item| item.quantity(Dimension::Length, Limit::Positive))
-        .transpose()?;
+    let edge = edge_length(section)?;
     let frames = root
         .get("frames")
         .map(|item| item.whole(1, MOST_FRAMES))

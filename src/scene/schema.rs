@@ -167,6 +167,7 @@ pub(super) const BONE: Schema = Schema::Listed(&[
     ("cut_handles", Text),
     ("keep_largest", Plain),
     ("merge_within", Text),
+    ("edge_length", Text),
     ("motion", Kind::Table(&MOTION)),
 ]);
 

@@ -208,7 +208,35 @@ fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), Loa
         format!("bone `{}`", bone.name),
     )?;
     let mut notes = Vec::new();
-    Ok((mended(mesh, bone.repair.as_ref(), &mut notes), notes))
+    let mesh = mended(mesh, bone.repair.as_ref(), &mut notes);
+    let unfit = |fault| {
+        let key = format!("bone.{b}.edge_length");
+        LoadError::new(scene, &key, format!("bone `{}`", bone.name), fault)
+    };
+    let mesh = remeshed(mesh, bone.edge_length, &mut notes).map_err(unfit)?;
+    Ok((mesh, notes))
+}
+
+/// The mesh after the remeshing of the scene, if any, with a note on it.
+fn remeshed(
+    mesh: TriangleMesh,
+    edge_length: Option<f64>,
+    notes: &mut Vec<String>,
+) -> Result<TriangleMesh, Fault> {
+    let Some(length) = edge_length else {
+        return Ok(mesh);
+    };
+    let refined =
+        refine::refine(&mesh, length).map_err(|e| Fault::Refine { why: e.to_string() })?;
+    notes.push(format!(
+        "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
+        mesh.vertices.len(),
+        refined.mesh.vertices.len(),
+        refined.report.min_edge * 1e3,
+        refined.report.max_edge * 1e3,
+        refined.report.deviation * 1e3
+    ));
+    Ok(refined.mesh)
 }
 
 fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
@@ -276,23 +304,8 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
             },
         ));
     }
-    if let Some(length) = muscle.edge_length {
-        let refined = refine::refine(&mesh, length).map_err(|e| {
-            unfit(
-                &format!("{key}.edge_length"),
-                Fault::Refine { why: e.to_string() },
-            )
-        })?;
-        notes.push(format!(
-            "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
-            mesh.vertices.len(),
-            refined.mesh.vertices.len(),
-            refined.report.min_edge * 1e3,
-            refined.report.max_edge * 1e3,
-            refined.report.deviation * 1e3
-        ));
-        mesh = refined.mesh;
-    }
+    mesh = remeshed(mesh, muscle.edge_length, &mut notes)
+        .map_err(|fault| unfit(&format!("{key}.edge_length"), fault))?;
     if scene.effects.volume.is_some() && edges.is_empty() {
         check_closed(&mesh, &Topology::new(&mesh)).map_err(|fault| unfit(&mesh_key, fault))?;
     }

@@ -262,7 +262,8 @@ fn other_meshes(a: &Scene, b: &Scene) -> Option<&'static str> {
     let differences = [
         (
             differ(&a.bones, &b.bones, |bone| {
-                (bone.name.clone(), bone.surface.clone(), bone.repair)
+                let surface = (bone.surface.clone(), bone.repair);
+                (bone.name.clone(), surface, bone.edge_length)
             }),
             "the bones",
         ),

@@ -33,7 +33,7 @@ Examples:
 Reads every mesh of a folder. Names tell bones from muscles (--bones and --muscles for others) and find the
 joint. A sphere is fitted to a head, and the axis of a hinge is the line through two condyles. Bones within
 3 mm hold a muscle; an end that is farther away is held by the bone nearest to it. Meshes that a simulation
-refuses are repaired. Uneven muscles are remeshed. NAME.toml has every guess as a line with its reason. Then
+refuses are repaired. Uneven and very fine meshes are remeshed. NAME.toml has every guess as a line with its reason. Then
 the first ten frames are run, with a report. Next:
   pliant plan NAME.toml
   pliant run NAME.toml
@@ -521,9 +521,9 @@ fn in_words(draft: &Draft, path: &Path) -> String {
                 if draft.joint.is_some() && (of_one(true) || of_one(false)) {
                     told.push("does not cross the joint".to_owned());
                 }
-                if held.remeshed.is_some() {
-                    told.push("remeshed".to_owned());
-                }
+            }
+            if body.remeshed.is_some() {
+                told.push("remeshed".to_owned());
             }
             let _ = writeln!(text, "{kind} {}: {}", body.name, told.join("; "));
         }

@@ -58,6 +58,9 @@ pub struct Body {
     pub why: String,
     /// How its mesh is mended; `None` for a sound one.
     pub mended: Option<Mended>,
+    /// Why it is remeshed, and to which edges [m]; `None` for a mesh that stays, and before
+    /// [`Draft::examine`].
+    pub remeshed: Option<(String, f64)>,
 }
 
 /// The repair of a mesh.
@@ -75,8 +78,6 @@ pub struct Held {
     pub loose: Vec<LooseEnd>,
     /// The files of its patches, one for each attachment that has one, and their meshes [m].
     pub patches: Vec<Option<(PathBuf, TriangleMesh)>>,
-    /// Why it is remeshed, and to which edges [m]; `None` for a mesh that stays.
-    pub remeshed: Option<(String, f64)>,
     /// What was cut of a mesh that is remeshed, and the length of loops around it [m].
     pub cut: Option<(String, f64)>,
 }
@@ -146,8 +147,19 @@ impl Draft {
     /// Finds attachments, and muscles to remesh, on the unchanged meshes.
     pub fn examine(&mut self, assets: &Assets) {
         let bones: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
-        let meshes = assets.muscles.iter().map(|muscle| &muscle.mesh);
-        let each = self.muscles.iter().zip(meshes);
+        let meshes = || assets.muscles.iter().map(|muscle| &muscle.mesh);
+        // Contact is no more exact than the edges of the muscles.
+        let mut shortest = f64::INFINITY;
+        for (muscle, mesh) in self.muscles.iter_mut().zip(meshes()) {
+            muscle.remeshed = remeshed(mesh);
+            let after = muscle.remeshed.as_ref().map(|(_, edge)| *edge);
+            let edge = after.or_else(|| Some(Edges::of(mesh)?.part(2)));
+            shortest = shortest.min(edge.unwrap_or(f64::INFINITY));
+        }
+        for (bone, mesh) in self.bones.iter_mut().zip(&assets.bones) {
+            bone.remeshed = coarser(mesh, shortest);
+        }
+        let each = self.muscles.iter().zip(meshes());
         self.held = each
             .map(|(muscle, mesh)| self.examine_one(muscle, mesh, &bones))
             .collect();
@@ -183,13 +195,12 @@ impl Draft {
             let path = self.parts.as_ref()?.join(file);
             Some((path, part(mesh, a.patch.as_ref()?)))
         };
-        let remeshed = remeshed(mesh);
+        let remeshed = muscle.remeshed.as_ref();
         Held {
             patches: attachments.iter().enumerate().map(patch).collect(),
             attachments,
             loose,
-            cut: remeshed.as_ref().and_then(|(_, edge)| cut(mesh, *edge)),
-            remeshed,
+            cut: remeshed.and_then(|(_, edge)| cut(mesh, *edge)),
         }
     }
 
@@ -272,18 +283,19 @@ impl Draft {
         let cut = cut.map_or(String::new(), |(why, length)| {
             format!("cut_handles = \"{} mm\" # {why}\n", mm(*length))
         });
-        let Some(Mended { why, options }) = &body.mended else {
-            if !cut.is_empty() {
-                let _ = write!(toml, "repair = true\n{cut}");
+        if let Some(Mended { why, options }) = &body.mended {
+            let _ = write!(toml, "repair = true # {why}\n{cut}");
+            if options.close_holes > 0 {
+                let _ = writeln!(toml, "close_holes = {}", options.close_holes);
             }
-            return;
-        };
-        let _ = write!(toml, "repair = true # {why}\n{cut}");
-        if options.close_holes > 0 {
-            let _ = writeln!(toml, "close_holes = {}", options.close_holes);
+            if options.keep_largest {
+                toml.push_str("keep_largest = true\n");
+            }
+        } else if !cut.is_empty() {
+            let _ = write!(toml, "repair = true\n{cut}");
         }
-        if options.keep_largest {
-            let _ = writeln!(toml, "keep_largest = true");
+        if let Some((why, edge)) = &body.remeshed {
+            let _ = write!(toml, "# {why}\nedge_length = \"{} mm\"\n", mm(*edge));
         }
     }
 
@@ -325,9 +337,6 @@ impl Draft {
     }
 
     fn put_held(&self, toml: &mut String, held: &Held) {
-        if let Some((why, edge)) = &held.remeshed {
-            let _ = write!(toml, "# {why}\nedge_length = \"{} mm\"\n", mm(*edge));
-        }
         let _ = write!(
             toml,
             "[muscle.material]\nbending = \"{BENDING}\" # a thin muscle keeps its thickness\n"
@@ -427,14 +436,8 @@ fn usual_effects() -> String {
 /// which a run ends soon. The shortest edges of an uneven one would need the shortest steps, and its
 /// longest ones bend in facets.
 fn remeshed(mesh: &TriangleMesh) -> Option<(String, f64)> {
-    let topology = Topology::new(mesh);
-    let is_fit = topology.is_oriented() && topology.non_manifold_vertices(mesh).is_empty();
-    let mut lengths = topology.edge_lengths(mesh);
-    if !is_fit || lengths.is_empty() || !lengths.iter().all(|l| l.is_finite()) {
-        return None;
-    }
-    lengths.sort_by(f64::total_cmp);
-    let [short, median] = [SHORTEST, 2].map(|part| lengths[lengths.len() / part]);
+    let edges = Edges::of(mesh)?;
+    let [short, median] = [SHORTEST, 2].map(|part| edges.part(part));
     let count = mesh.vertices.len();
     let is_even = short >= EVEN * median;
     if is_even && count as f64 <= MANY * REMESHED {
@@ -443,17 +446,52 @@ fn remeshed(mesh: &TriangleMesh) -> Option<(String, f64)> {
     // Of as many vertices in equilateral triangles.
     let edge = (2.0 * mesh.area() / (3.0_f64.sqrt() * REMESHED)).sqrt();
     let why = match is_even {
-        true => format!(
-            "the file has {count} vertices; without this line they stay, and a run takes the longer"
-        ),
+        true => many(count),
         false => format!(
             "the file has edges of {} to {} mm, half of them below {} mm; without this line they stay",
-            mm(lengths[0]),
-            mm(lengths[lengths.len() - 1]),
+            mm(edges.0[0]),
+            mm(edges.0[edges.0.len() - 1]),
             mm(median)
         ),
     };
     (edge > 0.0).then_some((why, edge))
+}
+
+/// Why a bone is remeshed to edges of this length [m], and the length; `None` for one that has not many
+/// more vertices.
+fn coarser(bone: &TriangleMesh, edge: f64) -> Option<(String, f64)> {
+    Edges::of(bone)?;
+    let count = bone.vertices.len();
+    let after = 2.0 * bone.area() / (3.0_f64.sqrt() * edge * edge);
+    let is_fine = count as f64 > MANY * after.max(REMESHED);
+    (edge > 0.0 && edge.is_finite() && is_fine).then(|| (many(count), edge))
+}
+
+fn many(count: usize) -> String {
+    format!(
+        "the file has {count} vertices; without this line they stay, and a run takes the longer"
+    )
+}
+
+/// The lengths of all edges [m] of a mesh that can be remeshed, sorted.
+struct Edges(Vec<f64>);
+
+impl Edges {
+    fn of(mesh: &TriangleMesh) -> Option<Self> {
+        let topology = Topology::new(mesh);
+        let is_fit = topology.is_oriented() && topology.non_manifold_vertices(mesh).is_empty();
+        let mut lengths = topology.edge_lengths(mesh);
+        if !is_fit || lengths.is_empty() || !lengths.iter().all(|l| l.is_finite()) {
+            return None;
+        }
+        lengths.sort_by(f64::total_cmp);
+        Some(Self(lengths))
+    }
+
+    /// The length below which one edge in so many is.
+    fn part(&self, part: usize) -> f64 {
+        self.0[self.0.len() / part]
+    }
 }
 
 /// What is cut of a mesh before it is remeshed to such edges [m], and how long loops around it may be [m]:
@@ -506,6 +544,34 @@ mod tests {
         // Control: what no remeshing can take stays as it is.
         drawn.triangles.push(drawn.triangles[0]);
         assert_eq!(remeshed(&drawn), None);
+    }
+
+    #[test]
+    fn a_bone_as_fine_as_a_scan_gets_the_edges_of_the_finest_muscle() {
+        let mut bone = icosphere(0.05, 6);
+        let (why, edge) = coarser(&bone, 2e-3).expect("40,962 vertices");
+        assert!(
+            edge == 2e-3 && why.starts_with("the file has 40962"),
+            "{why}"
+        );
+        let body = Body {
+            name: "femur".to_owned(),
+            remeshed: Some((why, edge)),
+            ..Body::default()
+        };
+        let draft = Draft {
+            bones: vec![body],
+            ..Draft::default()
+        };
+        let toml = draft.toml();
+        assert!(toml.contains("edge_length = \"2 mm\"\n"), "{toml}");
+        // Controls: almost as fine as the muscles, few vertices, no muscle with edges, and what no
+        // remeshing takes.
+        assert_eq!(coarser(&bone, 9e-4), None);
+        assert_eq!(coarser(&icosphere(0.05, 4), 2e-2), None);
+        assert_eq!(coarser(&bone, f64::INFINITY), None);
+        bone.triangles[0].swap(0, 1);
+        assert_eq!(coarser(&bone, 2e-3), None);
     }
 
     #[test]

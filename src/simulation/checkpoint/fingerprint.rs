@@ -49,11 +49,12 @@ impl Fingerprint {
         print.add("`substeps`, given or not".to_owned(), adapts_steps);
         print.add("`interface`".to_owned(), interfaces);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
-            // Surface and repair determine the mesh.
+            // Surface, repair and edge length determine the mesh.
             let BoneSpec {
                 name,
                 surface: _,
                 repair: _,
+                edge_length: _,
                 motion,
             } = bone;
             print.add(format!("the motion of bone `{name}`"), motion);
