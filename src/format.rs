@@ -37,6 +37,8 @@ mod tests {
     fn numbers_for_people() {
         for (value, text) in [
             (0.0, "0"),
+            (-0.0, "0"),
+            (f64::NEG_INFINITY, "-inf"),
             (1.0, "1"),
             (-0.5, "-0.5"),
             (123456.0, "123456"),

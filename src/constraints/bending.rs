@@ -319,4 +319,24 @@ mod tests {
         }
         assert!(steepest > 20.0, "control: some hinge is beyond its limit");
     }
+
+    #[test]
+    fn the_rare_form_has_the_numbers_of_the_usual_one() {
+        for (rest, limit) in HINGES {
+            let hinge = Bending::new([0, 1, 2, 3], rest).with_limit(limit);
+            for angle in (-24..=24).map(|k| 0.1 * f64::from(k) + 0.03) {
+                // A skew hinge of unequal wings.
+                let mut x = at(angle);
+                x[2].x -= 0.7;
+                x[3] = Point3::from(x[3].coords * 1.6);
+                let (c, usual) = hinge.value_and_gradient(&x).expect("areas");
+                let (value, rare) = hinge.unusual(&x).expect("areas");
+                assert!((value - c).abs() <= 1e-12 * c.abs().max(1.0), "{value} {c}");
+                for (one, other) in usual.iter().zip(rare) {
+                    let off = (one - other).norm();
+                    assert!(off <= 1e-12 * one.norm().max(1.0), "{one} {other}");
+                }
+            }
+        }
+    }
 }

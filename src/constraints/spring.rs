@@ -388,6 +388,21 @@ mod tests {
         }
     }
 
+    #[test]
+    fn the_tension_of_a_linear_spring_is_the_slope_of_its_energy() {
+        let law = Linear {
+            stiffness: 30.0,
+            force_scale: 0.0,
+        };
+        for length in [-2.0, 0.0, 0.3, 5.0] {
+            // The energy is quadratic: central differences are exact but for rounding.
+            let slope = (law.energy(length + 0.5) - law.energy(length - 0.5)) / 1.0;
+            assert!((slope - law.tension(length)).abs() <= 1e-12 * 200.0);
+            let stiffer = law.tension(length + 1.0) - law.tension(length);
+            assert!((stiffer - law.slope(length)).abs() <= 1e-12 * 200.0);
+        }
+    }
+
     /// Greatest errors of gradient, second derivative and product, from central differences.
     fn errors<A: Arm<K>, const K: usize>(arm: A, rest: f64, wrong: f64) -> [f64; 3] {
         let mut draw = Draw::new(21);

@@ -314,3 +314,37 @@ impl Obstacle for Surface {
         self.bvh.heap_memory_size() + places + self.faces.bytes()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+    use crate::testing::Draw;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn a_surface_that_has_moved_winds_about_what_lies_in_it() {
+        let ball = icosphere(1.0, 2);
+        let surface = Surface::new(&ball);
+        let mut draw = Draw::new(23);
+        let mut inside = 0;
+        for _ in 0..300 {
+            // As far as the caller says, and in any direction.
+            let by: Vector3<f64> = draw.direction() * 0.4;
+            let x: Vec<Point3<f64>> = ball.vertices.iter().map(|v| v + by).collect();
+            for _ in 0..20 {
+                let out = draw.direction();
+                let share = draw.between(0.0, 1.5);
+                // Between these the triangles of the ball are.
+                if (0.9..=1.0).contains(&share) {
+                    continue;
+                }
+                let point = Point3::from(by + out * share);
+                let found = surface.winds_about(&point, &x, 0.4);
+                assert_eq!(found, i32::from(share < 0.9), "{by} {point}");
+                inside += found;
+            }
+        }
+        assert!(inside > 1000, "{inside}");
+    }
+}

@@ -74,3 +74,57 @@ impl ChainShape {
         Ok(chain.radii()[node * (insert + 1)])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometric::chain::Caps;
+
+    fn shape() -> ChainShape {
+        ChainShape {
+            radii: vec![0.01, 0.03, 0.04, 0.02, 0.008],
+            growth: vec![0.0, 1.0, 1.5, 1.0, 0.0],
+            length: 0.2,
+            caps: Caps::Out,
+        }
+    }
+
+    #[test]
+    fn a_radius_at_rest_becomes_the_one_that_was_asked_for() {
+        let shape = shape();
+        for (insert, node, length) in [
+            (0, 1, 0.16),
+            (0, 2, 0.22),
+            (2, 2, 0.17),
+            (3, 3, 0.21),
+            (1, 2, 0.2),
+        ] {
+            for target in [0.015, 0.031] {
+                let rest = shape.radius_at_rest(insert, node, length, target);
+                let rest = rest.expect("a radius that the node can have");
+                let found = shape
+                    .radius_at(insert, node, length, rest)
+                    .expect("a chain");
+                assert!(
+                    (found - target).abs() <= 1e-12,
+                    "{insert} {node} {length}: {found}"
+                );
+                // Control: the length matters.
+                assert_eq!(rest == target, length == 0.2, "{rest} {target}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_radius_that_no_node_can_have_is_refused_with_what_it_can() {
+        let shape = shape();
+        assert_eq!(shape.radius_at_rest(0, 2, 0.16, 0.3), Err([0.0, 0.2]));
+        assert_eq!(shape.radius_at_rest(0, 2, 0.16, f64::NAN), Err([0.0, 0.2]));
+        // What the others give up is at the node even if it has nothing at rest.
+        let least = shape.radius_at(0, 2, 0.12, 0.0).expect("a chain");
+        assert!(least > 0.0, "{least}");
+        let refused = shape.radius_at_rest(0, 2, 0.12, 0.5 * least);
+        assert_eq!(refused, Err([least, 0.2]));
+        assert!(shape.radius_at_rest(0, 2, 0.12, 1.1 * least).is_ok());
+    }
+}

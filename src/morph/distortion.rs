@@ -118,5 +118,7 @@ mod tests {
         .map(Point3::from);
         let found = Distortion::of(&x, &x, &[[0, 1, 2], [0, 1, 3]]);
         assert_eq!((found.without_area, found.conformal_max), (1, 1.0));
+        let none = Distortion::of(&x, &x, &[[0, 1, 3]]);
+        assert_eq!((none.conformal_median, none.area_median), (1.0, 1.0));
     }
 }

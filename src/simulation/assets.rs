@@ -376,3 +376,32 @@ fn check_closed(mesh: &TriangleMesh, topology: &Topology) -> Result<(), Fault> {
         volume => Err(Fault::InsideOut { volume }),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin::load;
+
+    #[test]
+    fn a_bone_is_remeshed_as_a_muscle_is() {
+        let read = |edge: &str| {
+            let change = format!("bone.0.edge_length={edge}");
+            let scene = load("hip", &[change]).expect("a scene");
+            Assets::load(&scene)
+        };
+        let whole = read("off").expect("shapes");
+        let fine = read("'2 mm'").expect("remeshed");
+        let count = fine.bones[0].vertices.len();
+        assert!(count > whole.bones[0].vertices.len(), "{count}");
+        let note = format!("to {count} vertices");
+        assert!(
+            fine.bone_notes[0][0].contains(&note),
+            "{:?}",
+            fine.bone_notes
+        );
+        // Controls: another bone stays, and a length for which there is no memory is refused by its key.
+        assert_eq!(fine.bones[1], whole.bones[1]);
+        let error = read("'1 um'").expect_err("too many triangles").to_string();
+        assert!(error.contains("bone.0.edge_length"), "{error}");
+    }
+}

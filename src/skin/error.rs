@@ -344,3 +344,18 @@ impl SkinError {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_have_two_digits_and_are_possible() {
+        let of = |number: f64| [at_most(number), at_least(number)];
+        assert_eq!(of(0.012_34), ["0.012", "0.013"]);
+        assert_eq!(of(8.0), ["8.0", "8.0"]);
+        assert_eq!(of(127.0), ["120", "130"]);
+        assert_eq!(of(0.0), ["0", "0"]);
+        assert_eq!(of(f64::INFINITY), ["inf", "inf"]);
+    }
+}

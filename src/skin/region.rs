@@ -135,6 +135,14 @@ mod tests {
                 let [x, y] = [frame * Vector3::x(), frame * Vector3::y()];
                 assert!((x.cross(&y) - normal.normalize()).norm() <= 1e-12);
             }
+            // A direction has no length.
+            let along = |size: f64| {
+                let long = Vector3::new(0.3, -1.0, 2.0) * size;
+                frame(&Point3::origin(), &normal, Some(&long)) * Vector3::x()
+            };
+            for size in [1e-9, 1e9] {
+                assert!((along(size) - along(1.0)).norm() <= 1e-12, "{size}");
+            }
         }
     }
 }

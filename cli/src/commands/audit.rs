@@ -188,7 +188,7 @@ impl Frames {
         if chosen.len() < series.frames.len() {
             let (every, all) = (arguments.every, series.frames.len());
             notes.push(format!(
-                "audited: every {every}th of {all} frames, and the last"
+                "audited: one of every {every} of {all} frames, and the last"
             ));
         }
         if !summary.open.is_empty() {

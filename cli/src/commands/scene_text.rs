@@ -196,6 +196,16 @@ mod tests {
     }
 
     #[test]
+    fn a_name_has_no_character_that_a_scene_refuses() {
+        let mut used = HashSet::new();
+        let mut of = |file: &str| name_after(Path::new(file), &mut used).expect("UTF-8");
+        let names = ["scans/vastus:left.stl", "a\tb.obj", "a_b.obj", " été.obj"].map(&mut of);
+        assert_eq!(names, ["vastus_left", "a_b", "a_b 2", "été"]);
+        assert_eq!(of("...obj"), "mesh", "nothing is left");
+        assert_eq!(of(&"é".repeat(100)), "é".repeat(60), "at most 120 bytes");
+    }
+
+    #[test]
     fn paths_stay_as_given_unless_they_leave_the_folder() {
         let of = |text: &str| path(Path::new(text)).ok();
         assert_eq!(of("a/b.obj").as_deref(), Some("a/b.obj"));

@@ -563,6 +563,23 @@ mod tests {
     }
 
     #[test]
+    fn numbers_stand_along_both_axes() {
+        let plot = LinePlot::new("t", "x").with("a", [(0.0, 0.0), (8.0, 40.0)]);
+        let has = |plot: &LinePlot, all: &[&str]| {
+            let svg = plot.to_svg();
+            for one in all {
+                assert!(svg.contains(&format!(">{one}</text>")), "{one}: {svg}");
+            }
+        };
+        has(&plot, &["2", "4", "6", "20"]);
+        let both = LinePlot::new("t", "x").logarithmic_both();
+        has(
+            &both.with("a", [(0.01, 10.0), (100.0, 1e5)]),
+            &["0.1", "10", "1000"],
+        );
+    }
+
+    #[test]
     fn every_text_is_escaped() {
         let evil = "<script>alert('&\"')</script>";
         let svg = LinePlot::new(evil, evil)

@@ -60,8 +60,8 @@ pub struct Drawing {
     seed: u64,
     /// Changes of all cases: few frames across the whole motion.
     common: Vec<String>,
-    /// Numbers that one factor changes: their keys and values.
-    parameters: Vec<Vec<(String, Value)>>,
+    /// Numbers that a factor changes: their keys and values.
+    parameters: Vec<(String, Value)>,
     /// The numbers of motions.
     motion: Vec<(String, Value)>,
     /// The frames a second, with the factor of all cases.
@@ -83,14 +83,8 @@ impl Drawing {
         let (times, motion): (Vec<_>, Vec<_>) = motion
             .into_iter()
             .partition(|(key, _)| key.ends_with(".frame"));
-        let mut parameters = Vec::new();
         let is_free = |key: &str| !FIXED.contains(&last(key)) && !key.starts_with("limits.");
-        parameters.extend(
-            others
-                .iter()
-                .filter(|(key, _)| is_free(key))
-                .map(|one| vec![one.clone()]),
-        );
+        let parameters = others.into_iter().filter(|(key, _)| is_free(key)).collect();
         let moved: Vec<_> = motion.into_iter().filter(|(key, _)| is_free(key)).collect();
         let of_muscles = scene.contains_key("muscle");
         let mut common = Vec::new();
@@ -154,23 +148,24 @@ impl Drawing {
         let kept = |key: &str| {
             !key.starts_with("solver.") || !changes.iter().any(|c| c.starts_with("solver="))
         };
-        let mut free: Vec<&Vec<(String, Value)>> = self
+        let mut free: Vec<_> = self
             .parameters
             .iter()
-            .filter(|p| p.iter().all(|(key, _)| kept(key)))
+            .filter(|(key, _)| kept(key))
             .collect();
         let wanted = 1 + index(next(), MOST_CHANGED);
         let mut drawn = Vec::new();
         for _ in 0..wanted.min(free.len()) {
-            let chosen = free.remove(index(next(), free.len()));
-            let is_size = chosen.iter().any(|(key, _)| last(key) == EDGE_LENGTH);
-            let decades = if is_size { USUAL } else { decades };
+            let (key, value) = free.remove(index(next(), free.len()));
+            let decades = if last(key) == EDGE_LENGTH {
+                USUAL
+            } else {
+                decades
+            };
             let factor = three_digits(factor(next(), decades));
-            drawn.extend(chosen.iter().map(|(key, value)| {
-                let value = scaled(value, factor);
-                let kept = if beyond { value } else { within(key, value) };
-                format!("{key}={kept}")
-            }));
+            let value = scaled(value, factor);
+            let kept = if beyond { value } else { within(key, value) };
+            drawn.push(format!("{key}={kept}"));
         }
         if next() < 0.25 {
             let factor = three_digits(factor(next(), decades));
@@ -382,5 +377,49 @@ mod tests {
             "{:?}",
             case.changes
         );
+    }
+
+    #[test]
+    fn each_kind_of_change_is_as_frequent_as_it_should_be() {
+        let drawing = drawing("press", 5);
+        let count = 600;
+        let all: Vec<Case> = (0..count).map(|k| drawing.case(k)).collect();
+        let share = |is: &dyn Fn(&Case, &str) -> bool| {
+            let has = |case: &&Case| case.changes[case.common..].iter().any(|c| is(case, c));
+            all.iter().filter(has).count() as f64 / count as f64
+        };
+        let of_motion = |_: &Case, c: &str| c.contains(".motion.keys.");
+        let of_rate = |_: &Case, c: &str| c.starts_with("frame_rate=");
+        let off = |_: &Case, c: &str| c.starts_with("effects.") && c.ends_with("=off");
+        // Within four standard deviations.
+        for (what, found, wanted) in [
+            ("motion", share(&of_motion), 0.25),
+            ("frame rate", share(&of_rate), 0.25),
+            ("effect off", share(&off), 0.15),
+        ] {
+            assert!((found - wanted).abs() <= 0.07, "{what}: {found}");
+        }
+        let solver = |case: &Case| {
+            case.changes
+                .iter()
+                .find_map(|c| Some(c.strip_prefix("solver=")?.to_owned()))
+        };
+        let others: Vec<(&Case, String)> =
+            all.iter().filter_map(|c| Some((c, solver(c)?))).collect();
+        let found = others.len() as f64 / count as f64;
+        assert!((found - 0.25).abs() <= 0.07, "solver: {found}");
+        // Where one step of 30 frames takes the place of as many of the scene as before.
+        let frames = builtin("press").and_then(|text| text.parse::<Table>().ok());
+        let frames = frames
+            .and_then(|scene| scene["frames"].as_integer())
+            .expect("frames");
+        let steps = format!("substeps={}", (frames as usize).div_ceil(30));
+        for (case, solver) in others {
+            let inertia = ["pbd", "implicit_euler"].contains(&&*solver);
+            let has = case.changes[..case.common]
+                .iter()
+                .any(|c| *c == format!("solver.{solver}.{steps}"));
+            assert_eq!(has, inertia, "{solver}: {:?}", case.changes);
+        }
     }
 }

@@ -314,6 +314,21 @@ mod tests {
             60.0,
         );
         assert!(matches!(loose, Ended::NotConverged(_)), "{loose:?}");
+        // What only a later frame has is found too.
+        let later = ended(
+            "press",
+            &[
+                small,
+                "frames=8",
+                "solver.xpbd.substeps=1",
+                "solver.xpbd.tolerance=2e-4",
+            ],
+            60.0,
+        );
+        assert!(
+            matches!(&later, Ended::NotConverged(why) if !why.ends_with("frame 1")),
+            "{later:?}"
+        );
         let refused = ended("press", &["muscle.0.material.density=-1 kg/m3"], 60.0);
         assert!(
             matches!(&refused, Ended::Refused(why) if why.contains("muscle.0.material.density")),
@@ -338,7 +353,7 @@ mod tests {
     }
 
     /// A press at its start, with its muscle moved.
-    fn moved(by: impl Fn(&mut nalgebra::Point3<f64>)) -> Simulation {
+    fn moved(by: impl FnMut(&mut nalgebra::Point3<f64>)) -> Simulation {
         let changes = ["muscle.0.edge_length=20 mm".to_owned()];
         let Ok(Content::Muscles(scene)) = load_content("press", &changes) else {
             panic!("a scene of muscles");
@@ -369,6 +384,12 @@ mod tests {
         };
         assert_eq!(found(&moved(|_| ()), true), None, "control");
         is(found(&moved(|x| x.z = f64::NAN), true), "not finite");
+        let mut one = 0;
+        let spoilt = moved(|x| {
+            x.z = if one == 7 { f64::NAN } else { x.z };
+            one += 1;
+        });
+        is(found(&spoilt, true), "not finite");
         let smaller = moved(|x| x.coords *= 1.0 - 1e-6);
         is(found(&smaller, true), "volume");
         assert_eq!(found(&smaller, false), None, "control");

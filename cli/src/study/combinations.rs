@@ -514,3 +514,22 @@ pub fn in_words(seconds: f64) -> String {
         s => format!("{:.1} h", s / 3600.0),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_told_in_the_unit_that_suits_them() {
+        for (seconds, told) in [
+            (0.01, "less than 0.1 s"),
+            (1.26, "1.3 s"),
+            (119.0, "119 s"),
+            (7190.0, "120 min"),
+            (7210.0, "2.0 h"),
+            (13_000.0, "3.6 h"),
+        ] {
+            assert_eq!(in_words(seconds), told);
+        }
+    }
+}

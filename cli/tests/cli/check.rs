@@ -124,6 +124,7 @@ fn a_repair_tells_what_it_changed() {
     ] {
         assert!(said.contains(part), "{part}: {said}");
     }
+    assert!(!said.contains("polylines"), "it has none: {said}");
     assert_eq!(
         (names_in(&folder), fs::read(&bad).unwrap()),
         (vec!["bad.obj".into(), "changes.json".into()], before)

@@ -84,6 +84,11 @@ fn three_meshes_become_a_scene_that_runs() {
     ] {
         assert!(said.contains(told), "{told}: {said}");
     }
+    let scene = fs::read_to_string(scratch.join("hip.toml")).expect("a scene");
+    assert!(
+        scene.contains("method = \"harmonic\"\n") && scene.contains("[effects.tone]\n"),
+        "it crosses the joint: {scene}"
+    );
     // The head of this femur is a sphere about the origin.
     let (centre, axis) = motion(&scratch.join("hip.toml"));
     assert!(centre.coords.norm() <= 0.2, "{centre}");
@@ -107,7 +112,7 @@ fn three_meshes_become_a_scene_that_runs() {
     );
     assert_eq!(code, Some(0), "{errors}");
     let rests = fs::read_to_string(scratch.join("meshes.toml")).expect("a scene");
-    assert!(!rests.contains("[bone.motion]"));
+    assert!(!rests.contains("[bone.motion]") && !rests.contains("[effects.tone]"));
 }
 
 #[test]
@@ -147,21 +152,52 @@ fn a_segmentation_with_the_edges_of_its_voxels_becomes_a_scene_that_can_run() {
 }
 
 #[test]
-fn a_draft_is_the_same_in_every_unit() {
+fn a_draft_is_the_same_in_every_unit_and_place() {
     let scratch = Scratch::folder();
-    let drafts = [1e-3, 1.0].map(|metres| {
-        let name = format!("in-{metres}");
+    let away = Vector3::new(0.4, -0.9, 0.6);
+    let drafts = [
+        (1e-3, Vector3::zeros()),
+        (1.0, Vector3::zeros()),
+        (1e-3, away),
+    ]
+    .map(|(metres, away)| {
+        let name = format!("in-{metres}-{}", away.x);
         let folder = scratch.join(&name);
         fs::create_dir(&folder).expect("a folder");
         hip(&folder, metres);
+        // What turns with the femur, and what does not.
+        for (name, y) in [("Patella.r", -0.4), ("Skull", 0.7)] {
+            let mut ball = shapes::icosphere(0.04, 2);
+            let each = ball.vertices.iter_mut();
+            each.for_each(|v| v.coords = (v.coords + Vector3::new(0.0, y, 0.0)) / metres);
+            write(&folder.join(format!("{name}.obj")), &ball);
+        }
+        for file in fs::read_dir(&folder).expect("a folder") {
+            let path = file.expect("a file").path();
+            let mut mesh = io::read(&path).expect("a mesh").mesh;
+            mesh.vertices.iter_mut().for_each(|v| *v += away / metres);
+            write(&path, &mesh);
+        }
         let scene = format!("{name}.toml");
-        let (code, _, errors) = init(&scratch, &[&name, "--no-trial", "--scene", &scene]);
+        let arguments = [&*name, "--joint", "hip", "--no-trial", "--scene", &scene];
+        let (code, _, errors) = init(&scratch, &arguments);
         assert_eq!(code, Some(0), "{errors}");
-        motion(&scratch.join(scene))
+        let scene = scratch.join(scene);
+        let text = fs::read_to_string(&scene).expect("a scene");
+        let turns: Vec<&str> = text
+            .split("[[bone]]")
+            .filter(|bone| bone.contains("[bone.motion]"))
+            .filter_map(|bone| bone.split('"').nth(1))
+            .collect();
+        assert_eq!(turns, ["Femur.r", "Patella.r"]);
+        let (centre, axis) = motion(&scene);
+        (centre - away * 1e3, axis)
     });
-    // Rounded to a thousandth of a millimetre in the scene.
-    assert!((drafts[0].0 - drafts[1].0).norm() <= 2e-3, "{drafts:?}");
-    assert!((drafts[0].1 - drafts[1].1).norm() <= 2e-5, "{drafts:?}");
+    for other in &drafts[1..] {
+        // Rounded to a thousandth of a millimetre in the scene.
+        assert!((drafts[0].0 - other.0).norm() <= 2e-3, "{drafts:?}");
+        assert!((drafts[0].1 - other.1).norm() <= 2e-5, "{drafts:?}");
+    }
 }
 
 #[test]

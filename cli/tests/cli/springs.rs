@@ -64,6 +64,11 @@ fn the_shipped_file_comes_to_rest_and_leaves_its_results() {
             "{name} is not among {names:?}"
         );
     }
+    let listed = fs::read_to_string(out.join("pliant-files.txt")).unwrap();
+    assert!(
+        listed.lines().any(|line| line.ends_with("end.vtp")),
+        "{listed}"
+    );
     let steps = said["steps"].as_u64().unwrap();
     assert_eq!(
         referenced(&out, "lattice-5x5x5.pvd").len() as u64,

@@ -108,6 +108,10 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
     assert_eq!(rows.len(), 6);
     assert_eq!(rows[1]["values"]["solver.pbd.iterations"], "1");
     assert_eq!(rows[1]["values"]["solver.pbd.stretch"], "1");
+    assert_eq!(rows[1]["label"], "iterations = 1, stretch = 1");
+    let listed = fs::read_to_string(out.join("pliant-files.txt")).unwrap();
+    let listed: Vec<&str> = listed.lines().filter(|l| l.starts_with("runs/")).collect();
+    assert!(listed.len() == 6 && listed.is_sorted(), "{listed:?}");
     let rms = |row: usize, frame: usize| rows[row]["errors"][frame]["rms_m"].as_f64().unwrap();
     assert_eq!(rms(0, 0), 0.0, "all start alike");
     assert!(

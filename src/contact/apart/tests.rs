@@ -32,3 +32,37 @@ fn surfaces_that_do_not_cross_are_parted_whatever_side_was_given() {
     assert!(with_sides.1 > 0.0, "control: such a side looks like depth");
     assert!(scene.look(false).is_clear());
 }
+
+#[test]
+fn a_push_knows_how_deep_its_point_is() {
+    let (deep, radius) = (0.01, 0.05);
+    let mut other = icosphere(radius, 3);
+    other
+        .vertices
+        .iter_mut()
+        .for_each(|v| v.x += 2.0 * radius - deep);
+    let meshes = [icosphere(radius, 3), other];
+    let surfaces = meshes.each_ref().map(Surface::new);
+    let body = |k: usize| SoftBody {
+        name: "",
+        mesh: &meshes[k],
+        surface: &surfaces[k],
+        held: Vec::new(),
+        fixed: false,
+    };
+    let gaps = Gaps {
+        to_bones: 1e-3,
+        between: 1e-4,
+    };
+    let mut scene = Scene::new(&[body(0), body(1)], &[], gaps);
+    let seen = scene.look(false);
+    let all = seen.pushes.iter().map(|push| push.distance(&scene.all));
+    let (mut most, mut count) = (0.0_f64, 0);
+    for distance in all {
+        // Nothing is deeper than the lens that the balls share, nor farther away than the gap.
+        assert!((-1.01 * deep..=1.1e-4).contains(&distance), "{distance}");
+        most = most.min(distance);
+        count += 1;
+    }
+    assert!(count > 10 && most <= -0.8 * deep, "{count} {most}");
+}

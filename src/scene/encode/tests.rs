@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::super::overrides;
 use super::super::tree::{self, Node, Sources, Value};
-use super::super::{LAYOUTS, SOLVERS, Surroundings, parse_content};
+use super::super::{Content, LAYOUTS, Material, SOLVERS, Surroundings, parse_content};
 use crate::encode::text_of;
 use crate::testing::Scratch;
 
@@ -153,8 +153,8 @@ fn leaves(node: &Node, path: &str, out: &mut Vec<(String, Vec<String>)>) {
     out.push((path.to_owned(), others));
 }
 
-#[test]
-fn every_key_of_every_layout_changes_the_encoding() {
+/// A folder with the files of the layouts.
+fn folder() -> Scratch {
     let folder = Scratch::folder();
     for name in [
         "femur.obj",
@@ -166,6 +166,31 @@ fn every_key_of_every_layout_changes_the_encoding() {
     ] {
         std::fs::write(folder.join(name), "").expect("a file");
     }
+    folder
+}
+
+#[test]
+fn muscles_of_an_interface_change_the_encoding_and_the_layout_has_the_default_material() {
+    let folder = folder();
+    let around = Surroundings::of(&folder);
+    let content = parse_content(LAYOUTS[0].1, "layout.toml", &around);
+    let Ok(Content::Muscles(mut scene)) = content else {
+        panic!("a scene of muscles");
+    };
+    let [given, absent] = [0, 1].map(|m: usize| scene.muscles[m].material);
+    let as_absent = Material {
+        bulk: absent.bulk,
+        ..given
+    };
+    assert_eq!(as_absent, absent);
+    let before = text_of("scene", &*scene);
+    scene.interfaces[0].between.reverse();
+    assert_ne!(text_of("scene", &*scene), before);
+}
+
+#[test]
+fn every_key_of_every_layout_changes_the_encoding() {
+    let folder = folder();
     let folder: &Path = &folder;
     let encoded = |text: &str, changes: &[String]| {
         let around = Surroundings {

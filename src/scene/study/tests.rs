@@ -271,3 +271,16 @@ fn what_a_combination_makes_wrong_is_told_at_its_value() {
     );
     assert!(error.contains("`frame_rate` is missing"), "{error}");
 }
+
+#[test]
+fn only_keys_that_need_quotes_have_them() {
+    for (key, toml) in [
+        ("edge_length", "edge_length"),
+        ("a-7", "a-7"),
+        ("a b", "\"a b\""),
+        ("a.b", "\"a.b\""),
+        ("", "\"\""),
+    ] {
+        assert_eq!(super::toml_key(key).as_deref(), Some(toml));
+    }
+}

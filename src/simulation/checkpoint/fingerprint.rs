@@ -230,3 +230,30 @@ impl Value for Fingerprint {
         Ok(Self(from.take()?))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    #[test]
+    fn everything_of_a_mesh_counts() {
+        let of = |mesh: &TriangleMesh| {
+            let mut print = Fingerprint::default();
+            print.mesh("a mesh".to_owned(), mesh);
+            print
+        };
+        let ball = icosphere(0.1, 1);
+        let same = of(&ball);
+        assert_eq!(of(&ball.clone()), same);
+        let mut moved = ball.clone();
+        moved.vertices[3].y = f64::from_bits(moved.vertices[3].y.to_bits() + 1);
+        let mut turned = ball.clone();
+        turned.triangles[7].rotate_left(1);
+        let mut fewer = ball;
+        fewer.triangles.pop();
+        for other in [moved, turned, fewer] {
+            assert_ne!(of(&other), same);
+        }
+    }
+}

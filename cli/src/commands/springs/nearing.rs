@@ -67,16 +67,21 @@ mod tests {
             1000,
             RestSettings {
                 force: 1e-3,
-                energy: 1.0,
+                energy: 4.0,
             },
         );
         (1..=1000).for_each(|step| {
-            let residual = 1e-3 * left(step as f64);
-            nearing.step(&StepRecord {
+            let left = left(step as f64);
+            let mut record = StepRecord {
                 step,
-                residual,
                 ..StepRecord::default()
-            });
+            };
+            // What moves is as far from rest as what is pulled.
+            match step % 2 {
+                0 => record.residual = 1e-3 * left,
+                _ => record.energy.kinetic = 4.0 * left * left,
+            }
+            nearing.step(&record);
         });
         nearing.hint()
     }
