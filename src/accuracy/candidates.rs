@@ -128,3 +128,34 @@ pub fn all(scene: &Scene, threads: usize) -> Vec<Candidate> {
     }
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::SOLVERS;
+
+    #[test]
+    fn a_candidate_has_one_other_for_each_other_order() {
+        for spec in &SOLVERS {
+            let candidate = Candidate {
+                broad_phase: Some(METHODS[0].name),
+                ..Candidate::new(spec.default, 3)
+            };
+            let others = in_other_orders(&candidate);
+            if candidate.solver.minimisation().is_some() {
+                assert_eq!(others, []);
+                continue;
+            }
+            assert_eq!(others.len(), SweepOrder::NAMES.len() - 1);
+            for (k, other) in others.iter().enumerate() {
+                let order = other.solver.order();
+                assert!(order != candidate.solver.order());
+                assert!(others[..k].iter().all(|o| o.solver.order() != order));
+                // Nothing else differs.
+                let back = other.solver.with_order(candidate.solver.order());
+                let back = back.map(|solver| Candidate { solver, ..*other });
+                assert_eq!(back, Some(candidate));
+            }
+        }
+    }
+}

@@ -401,7 +401,7 @@ mod tests {
         );
         // Controls: another bone stays, and a length for which there is no memory is refused by its key.
         assert_eq!(fine.bones[1], whole.bones[1]);
-        let error = read("'1 um'").expect_err("too many triangles").to_string();
+        let error = read("'1 um'").expect_err("too many triangles").terse();
         assert!(error.contains("bone.0.edge_length"), "{error}");
     }
 }

@@ -461,3 +461,18 @@ pub fn over_ball(
         method,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn implants_share_the_longest_edge_that_the_smallest_can_have() {
+        let of = |base: f64| ImplantSpec::round(ImplantPlace::Vertex(0), base, 1e-5);
+        let (small, middle, large) = (of(0.04), of(0.07), of(0.2));
+        let edge = |all: &[&ImplantSpec]| shared_edge(all) / small.edge();
+        assert!((edge(&[&small]) - 1.0).abs() <= 1e-12);
+        assert!((edge(&[&middle, &small]) - 1.75).abs() <= 1e-12);
+        assert!((edge(&[&small, &large, &middle]) - 2.0).abs() <= 1e-12);
+    }
+}

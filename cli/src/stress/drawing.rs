@@ -415,7 +415,7 @@ mod tests {
             .expect("frames");
         let steps = format!("substeps={}", (frames as usize).div_ceil(30));
         for (case, solver) in others {
-            let inertia = ["pbd", "implicit_euler"].contains(&&*solver);
+            let inertia = solver == "implicit_euler";
             let has = case.changes[..case.common]
                 .iter()
                 .any(|c| *c == format!("solver.{solver}.{steps}"));

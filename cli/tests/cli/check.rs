@@ -96,6 +96,15 @@ fn an_unreadable_file_does_not_hide_the_others() {
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     let all = &measures(&found)["meshes"];
     assert!(all[0]["error"].as_str().is_some_and(|e| e.contains("E010")) && code(&done) == Some(2));
+    // What the reader has seen is told beside what the mesh has.
+    let misnamed = scratch.join("misnamed.stl");
+    fs::copy(&good, &misnamed).unwrap();
+    let said = |file: &Path| text(&run(&["check", shown(file)]).stdout);
+    assert!(
+        said(&misnamed).contains("W010") && !said(&good).contains("W010"),
+        "{}",
+        said(&misnamed)
+    );
 }
 
 #[test]
@@ -124,7 +133,7 @@ fn a_repair_tells_what_it_changed() {
     ] {
         assert!(said.contains(part), "{part}: {said}");
     }
-    assert!(!said.contains("polylines"), "it has none: {said}");
+    assert!(!said.contains("polylines are lost"), "it has none: {said}");
     assert_eq!(
         (names_in(&folder), fs::read(&bad).unwrap()),
         (vec!["bad.obj".into(), "changes.json".into()], before)

@@ -167,7 +167,7 @@ fn a_draft_is_the_same_in_every_unit_and_place() {
         hip(&folder, metres);
         // What turns with the femur, and what does not.
         for (name, y) in [("Patella.r", -0.4), ("Skull", 0.7)] {
-            let mut ball = shapes::icosphere(0.04, 2);
+            let mut ball = shapes::icosphere(0.03, 2);
             let each = ball.vertices.iter_mut();
             each.for_each(|v| v.coords = (v.coords + Vector3::new(0.0, y, 0.0)) / metres);
             write(&folder.join(format!("{name}.obj")), &ball);
