@@ -4,6 +4,7 @@
 pub mod attachments;
 pub mod fit;
 pub mod joint;
+pub mod mending;
 pub mod names;
 mod tendon;
 
@@ -13,33 +14,13 @@ use std::path::PathBuf;
 
 use attachments::{Attachment, LooseEnd, NEAR_MM, WITHIN_MM};
 use joint::Joint;
+use mending::{Edges, Mended, coarser, cut, remeshed};
 use nalgebra::{Unit, Vector3};
 use pliant::contact::Surface;
-use pliant::format::counted;
 use pliant::io::file_name;
-use pliant::mesh::{
-    FindingKind, Health, LONGEST_RIM, RepairChange, RepairOptions, RepairStep, Topology,
-    TriangleMesh, repair,
-};
+use pliant::mesh::TriangleMesh;
 use pliant::scene::EFFECTS;
 use pliant::simulation::Assets;
-
-/// A mesh is even if its shortest edges are not shorter than this share of the median one: one edge in
-/// [`SHORTEST`].
-const EVEN: f64 = 0.5;
-const SHORTEST: usize = 20;
-
-/// Number of vertices of an uneven or a fine mesh after remeshing: a muscle then runs for some ten seconds, and the
-/// shape is kept to a tenth of an edge.
-const REMESHED: f64 = 2500.0;
-
-/// Segmentations have ten times as many vertices, at the distance of their voxels. What has more than
-/// this many times [`REMESHED`] is remeshed.
-const MANY: f64 = 2.0;
-
-/// Greatest length of a loop around a handle that is cut before remeshing, in edges after it. A loop of
-/// three edges is the shortest that a mesh can have.
-const HANDLE: f64 = 4.0;
 
 /// Resistance to bending: with less, muscles of the measured hip lose more than half of their thickness.
 const BENDING: &str = "5e-4 N m";
@@ -61,14 +42,16 @@ pub struct Body {
     /// Why it is remeshed, and to which edges [m]; `None` for a mesh that stays, and before
     /// [`Draft::examine`].
     pub remeshed: Option<(String, f64)>,
+    /// What was cut of a mesh that is remeshed, and the length of loops around it [m].
+    pub cut: Option<(String, f64)>,
 }
 
-/// The repair of a mesh.
-#[derive(Debug)]
-pub struct Mended {
-    /// The defects.
-    pub why: String,
-    pub options: RepairOptions,
+impl Body {
+    /// Notes that its mesh is remeshed, and what is cut of it before.
+    fn remesh(&mut self, mesh: &TriangleMesh, remeshed: Option<(String, f64)>) {
+        self.cut = remeshed.as_ref().and_then(|(_, edge)| cut(mesh, *edge));
+        self.remeshed = remeshed;
+    }
 }
 
 /// What is known of a muscle from the meshes.
@@ -78,8 +61,6 @@ pub struct Held {
     pub loose: Vec<LooseEnd>,
     /// The files of its patches, one for each attachment that has one, and their meshes [m].
     pub patches: Vec<Option<(PathBuf, TriangleMesh)>>,
-    /// What was cut of a mesh that is remeshed, and the length of loops around it [m].
-    pub cut: Option<(String, f64)>,
 }
 
 /// The scene.
@@ -108,41 +89,6 @@ fn nearest_axis(direction: &Unit<Vector3<f64>>) -> [i32; 3] {
     axis
 }
 
-/// The repair of a mesh that a simulation does not accept as it is; `None` for a sound mesh.
-///
-/// # Errors
-/// The defects that no repair ends.
-pub fn mended(mesh: &TriangleMesh) -> Result<Option<Mended>, String> {
-    let health = Health::of(mesh);
-    if health.is_fit() {
-        return Ok(None);
-    }
-    let defects = |health: &Health| -> Vec<String> {
-        let refused = health.findings.iter().filter(|f| f.kind.refuses());
-        refused.map(|f| f.message.clone()).collect()
-    };
-    let why = defects(&health).join("; ");
-    let is_open = health
-        .findings
-        .iter()
-        .any(|f| f.kind == FindingKind::OpenBoundary);
-    let holes = if is_open { LONGEST_RIM } else { 0 };
-    let mut left = Vec::new();
-    for keep_largest in [false, true] {
-        let options = RepairOptions {
-            close_holes: holes,
-            keep_largest,
-            ..RepairOptions::default()
-        };
-        let after = Health::of(&repair(mesh, &[], &options).mesh);
-        if after.is_fit() {
-            return Ok(Some(Mended { why, options }));
-        }
-        left = defects(&after);
-    }
-    Err(left.join("; "))
-}
-
 impl Draft {
     /// Finds attachments, and muscles to remesh, on the unchanged meshes.
     pub fn examine(&mut self, assets: &Assets) {
@@ -151,13 +97,13 @@ impl Draft {
         // Contact is no more exact than the edges of the muscles.
         let mut shortest = f64::INFINITY;
         for (muscle, mesh) in self.muscles.iter_mut().zip(meshes()) {
-            muscle.remeshed = remeshed(mesh);
+            muscle.remesh(mesh, remeshed(mesh));
             let after = muscle.remeshed.as_ref().map(|(_, edge)| *edge);
             let edge = after.or_else(|| Some(Edges::of(mesh)?.part(2)));
             shortest = shortest.min(edge.unwrap_or(f64::INFINITY));
         }
         for (bone, mesh) in self.bones.iter_mut().zip(&assets.bones) {
-            bone.remeshed = coarser(mesh, shortest);
+            bone.remesh(mesh, coarser(mesh, shortest));
         }
         let each = self.muscles.iter().zip(meshes());
         self.held = each
@@ -195,12 +141,10 @@ impl Draft {
             let path = self.parts.as_ref()?.join(file);
             Some((path, part(mesh, a.patch.as_ref()?)))
         };
-        let remeshed = muscle.remeshed.as_ref();
         Held {
             patches: attachments.iter().enumerate().map(patch).collect(),
             attachments,
             loose,
-            cut: remeshed.and_then(|(_, edge)| cut(mesh, *edge)),
         }
     }
 
@@ -237,12 +181,11 @@ impl Draft {
             }
         }
         for (b, bone) in self.bones.iter().enumerate() {
-            self.put_body(&mut toml, "bone", bone, None);
+            self.put_body(&mut toml, "bone", bone);
             self.put_motion(&mut toml, b);
         }
         for (m, muscle) in self.muscles.iter().enumerate() {
-            let cut = self.held.get(m).and_then(|held| held.cut.as_ref());
-            self.put_body(&mut toml, "muscle", muscle, cut);
+            self.put_body(&mut toml, "muscle", muscle);
             if let Some(held) = self.held.get(m) {
                 self.put_held(&mut toml, held);
             }
@@ -271,7 +214,7 @@ impl Draft {
         has(true) && has(false)
     }
 
-    fn put_body(&self, toml: &mut String, kind: &str, body: &Body, cut: Option<&(String, f64)>) {
+    fn put_body(&self, toml: &mut String, kind: &str, body: &Body) {
         let name = quoted(&body.name);
         let why = match body.why.as_str() {
             "" => String::new(),
@@ -280,7 +223,7 @@ impl Draft {
         let _ = writeln!(toml, "\n[[{kind}]]{why}\nname = {name}");
         let (path, unit) = (quoted(&body.path), quoted(&self.unit));
         let _ = write!(toml, "mesh = {path}\nunit = {unit}\n");
-        let cut = cut.map_or(String::new(), |(why, length)| {
+        let cut = body.cut.as_ref().map_or(String::new(), |(why, length)| {
             format!("cut_handles = \"{} mm\" # {why}\n", mm(*length))
         });
         if let Some(Mended { why, options }) = &body.mended {
@@ -432,84 +375,6 @@ fn usual_effects() -> String {
     toml
 }
 
-/// Why a mesh is remeshed, and to which edges [m]; `None` for an even mesh of a number of vertices with
-/// which a run ends soon. The shortest edges of an uneven one would need the shortest steps, and its
-/// longest ones bend in facets.
-fn remeshed(mesh: &TriangleMesh) -> Option<(String, f64)> {
-    let edges = Edges::of(mesh)?;
-    let [short, median] = [SHORTEST, 2].map(|part| edges.part(part));
-    let count = mesh.vertices.len();
-    let is_even = short >= EVEN * median;
-    if is_even && count as f64 <= MANY * REMESHED {
-        return None;
-    }
-    // Of as many vertices in equilateral triangles.
-    let edge = (2.0 * mesh.area() / (3.0_f64.sqrt() * REMESHED)).sqrt();
-    let why = match is_even {
-        true => many(count),
-        false => format!(
-            "the file has edges of {} to {} mm, half of them below {} mm; without this line they stay",
-            mm(edges.0[0]),
-            mm(edges.0[edges.0.len() - 1]),
-            mm(median)
-        ),
-    };
-    (edge > 0.0).then_some((why, edge))
-}
-
-/// Why a bone is remeshed to edges of this length [m], and the length; `None` for one that has not many
-/// more vertices.
-fn coarser(bone: &TriangleMesh, edge: f64) -> Option<(String, f64)> {
-    Edges::of(bone)?;
-    let count = bone.vertices.len();
-    let after = 2.0 * bone.area() / (3.0_f64.sqrt() * edge * edge);
-    let is_fine = count as f64 > MANY * after.max(REMESHED);
-    (edge > 0.0 && edge.is_finite() && is_fine).then(|| (many(count), edge))
-}
-
-fn many(count: usize) -> String {
-    format!(
-        "the file has {count} vertices; without this line they stay, and a run takes the longer"
-    )
-}
-
-/// The lengths of all edges [m] of a mesh that can be remeshed, sorted.
-struct Edges(Vec<f64>);
-
-impl Edges {
-    fn of(mesh: &TriangleMesh) -> Option<Self> {
-        let topology = Topology::new(mesh);
-        let is_fit = topology.is_oriented() && topology.non_manifold_vertices(mesh).is_empty();
-        let mut lengths = topology.edge_lengths(mesh);
-        if !is_fit || lengths.is_empty() || !lengths.iter().all(|l| l.is_finite()) {
-            return None;
-        }
-        lengths.sort_by(f64::total_cmp);
-        Some(Self(lengths))
-    }
-
-    /// The length below which one edge in so many is.
-    fn part(&self, part: usize) -> f64 {
-        self.0[self.0.len() / part]
-    }
-}
-
-/// What is cut of a mesh before it is remeshed to such edges [m], and how long loops around it may be [m]:
-/// handles that so long edges cannot follow. `None` if there are none.
-fn cut(mesh: &TriangleMesh, edge: f64) -> Option<(String, f64)> {
-    let length = HANDLE * edge;
-    let options = RepairOptions {
-        cut_handles: length,
-        ..RepairOptions::default()
-    };
-    let repaired = repair(mesh, &[], &options);
-    let is_cut = |change: &&RepairChange| change.step == RepairStep::CutHandles;
-    let count = repaired.changes.iter().find(is_cut)?.count;
-    let handles = counted(count, "handle", "handles");
-    let why = format!("{handles}, as noise leaves them, with edges too long to follow them");
-    Health::of(&repaired.mesh).is_fit().then_some((why, length))
-}
-
 /// A length [m] in millimetres with three digits.
 fn mm(length: f64) -> String {
     let digits = format!("{:.2e}", length * 1e3);
@@ -521,42 +386,13 @@ fn mm(length: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pliant::mesh::shapes::icosphere;
 
     #[test]
-    fn an_uneven_or_a_fine_mesh_is_remeshed_and_another_is_not() {
-        let even = icosphere(0.02, 3);
-        assert_eq!(remeshed(&even), None);
-        // As fine as a segmentation.
-        let (why, edge) = remeshed(&icosphere(0.02, 5)).expect("fine");
-        let vertices = 2.0 * even.area() / (3.0_f64.sqrt() * edge * edge);
-        assert!((vertices / REMESHED - 1.0).abs() <= 0.01, "{vertices}");
-        assert!(why.starts_with("the file has 10242 vertices"), "{why}");
-        // One side is drawn together: triangles of a tenth of the size.
-        let mut drawn = even.clone();
-        for v in drawn.vertices.iter_mut().filter(|v| v.z > 0.012) {
-            (v.x, v.y) = (0.1 * v.x, 0.1 * v.y);
-        }
-        let (why, edge) = remeshed(&drawn).expect("uneven");
-        let vertices = 2.0 * drawn.area() / (3.0_f64.sqrt() * edge * edge);
-        assert!((vertices - REMESHED).abs() <= 1e-9 * REMESHED, "{vertices}");
-        assert!(why.contains("without this line"), "{why}");
-        // Control: what no remeshing can take stays as it is.
-        drawn.triangles.push(drawn.triangles[0]);
-        assert_eq!(remeshed(&drawn), None);
-    }
-
-    #[test]
-    fn a_bone_as_fine_as_a_scan_gets_the_edges_of_the_finest_muscle() {
-        let mut bone = icosphere(0.05, 6);
-        let (why, edge) = coarser(&bone, 2e-3).expect("40,962 vertices");
-        assert!(
-            edge == 2e-3 && why.starts_with("the file has 40962"),
-            "{why}"
-        );
+    fn what_a_body_is_remeshed_to_is_a_line_of_the_scene() {
         let body = Body {
             name: "femur".to_owned(),
-            remeshed: Some((why, edge)),
+            remeshed: Some(("it is fine".to_owned(), 2e-3)),
+            cut: Some(("1 handle".to_owned(), 8e-3)),
             ..Body::default()
         };
         let draft = Draft {
@@ -564,25 +400,12 @@ mod tests {
             ..Draft::default()
         };
         let toml = draft.toml();
-        assert!(toml.contains("edge_length = \"2 mm\"\n"), "{toml}");
-        // Controls: almost as fine as the muscles, few vertices, no muscle with edges, and what no
-        // remeshing takes.
-        assert_eq!(coarser(&bone, 9e-4), None);
-        assert_eq!(coarser(&icosphere(0.05, 4), 2e-2), None);
-        assert_eq!(coarser(&bone, f64::INFINITY), None);
-        bone.triangles[0].swap(0, 1);
-        assert_eq!(coarser(&bone, 2e-3), None);
-    }
-
-    #[test]
-    fn a_mesh_is_mended_as_little_as_it_needs() {
-        let whole = icosphere(0.02, 2);
-        assert!(mended(&whole).expect("sound").is_none());
-        let mut open = whole.clone();
-        open.triangles.pop();
-        let options = mended(&open).expect("closed").expect("a repair").options;
-        assert!(options.close_holes > 0 && !options.keep_largest);
-        assert!(mended(&TriangleMesh::default()).is_err(), "nothing to mend");
+        for line in [
+            "repair = true\ncut_handles = \"8 mm\" # 1 handle\n",
+            "# it is fine\nedge_length = \"2 mm\"\n",
+        ] {
+            assert!(toml.contains(line), "{toml}");
+        }
     }
 
     #[test]
