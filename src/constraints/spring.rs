@@ -396,7 +396,7 @@ mod tests {
         };
         for length in [-2.0, 0.0, 0.3, 5.0] {
             // The energy is quadratic: central differences are exact but for rounding.
-            let slope = (law.energy(length + 0.5) - law.energy(length - 0.5)) / 1.0;
+            let slope = law.energy(length + 0.5) - law.energy(length - 0.5);
             assert!((slope - law.tension(length)).abs() <= 1e-12 * 200.0);
             let stiffer = law.tension(length + 1.0) - law.tension(length);
             assert!((stiffer - law.slope(length)).abs() <= 1e-12 * 200.0);

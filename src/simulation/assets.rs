@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::fault::{Fault, LoadError, all_of, both};
 use super::ready::Ready;
+use crate::format::number;
 use crate::io::{self, MeshFile};
 use crate::mesh::topology::Topology;
 use crate::mesh::{TriangleMesh, nesting, refine, repair, shapes};
@@ -198,6 +199,10 @@ impl Assets {
     }
 }
 
+/// How far a remeshed bone may be from the surface as read, relative to its longest side: muscles would slide on
+/// another bone, and no check of a run compares the two.
+const BONE_DEVIATION: f64 = 0.01;
+
 fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), LoadError> {
     let bone = &scene.bones[b];
     let mesh = surface(
@@ -213,14 +218,17 @@ fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), Loa
         let key = format!("bone.{b}.edge_length");
         LoadError::new(scene, &key, format!("bone `{}`", bone.name), fault)
     };
-    let mesh = remeshed(mesh, bone.edge_length, &mut notes).map_err(unfit)?;
+    let most = BONE_DEVIATION * mesh.bounding_box().extents().max();
+    let mesh = remeshed(mesh, bone.edge_length, most, &mut notes).map_err(unfit)?;
     Ok((mesh, notes))
 }
 
-/// The mesh after the remeshing of the scene, if any, with a note on it.
+/// The mesh after the remeshing of the scene, if any, with a note on it. It is at most `most` [m] from the
+/// surface as read.
 fn remeshed(
     mesh: TriangleMesh,
     edge_length: Option<f64>,
+    most: f64,
     notes: &mut Vec<String>,
 ) -> Result<TriangleMesh, Fault> {
     let Some(length) = edge_length else {
@@ -228,13 +236,21 @@ fn remeshed(
     };
     let refined =
         refine::refine(&mesh, length).map_err(|e| Fault::Refine { why: e.to_string() })?;
+    let deviation = refined.report.deviation;
+    if !(deviation <= most) {
+        let [deviation_mm, most_mm] = [deviation, most].map(|length| number(length * 1e3));
+        return Err(Fault::TooCoarse {
+            deviation_mm,
+            most_mm,
+        });
+    }
     notes.push(format!(
         "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
         mesh.vertices.len(),
         refined.mesh.vertices.len(),
         refined.report.min_edge * 1e3,
         refined.report.max_edge * 1e3,
-        refined.report.deviation * 1e3
+        deviation * 1e3
     ));
     Ok(refined.mesh)
 }
@@ -304,7 +320,8 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
             },
         ));
     }
-    mesh = remeshed(mesh, muscle.edge_length, &mut notes)
+    // The checks of a run compare its volume with that of the file.
+    mesh = remeshed(mesh, muscle.edge_length, f64::INFINITY, &mut notes)
         .map_err(|fault| unfit(&format!("{key}.edge_length"), fault))?;
     if scene.effects.volume.is_some() && edges.is_empty() {
         check_closed(&mesh, &Topology::new(&mesh)).map_err(|fault| unfit(&mesh_key, fault))?;
@@ -403,5 +420,11 @@ mod tests {
         assert_eq!(fine.bones[1], whole.bones[1]);
         let error = read("'1 um'").expect_err("too many triangles").terse();
         assert!(error.contains("bone.0.edge_length"), "{error}");
+        // Edges as long as the bone leave little of it.
+        let error = read("'50 mm'").expect_err("another shape").terse();
+        assert!(
+            error.contains("bone.0.edge_length") && error.contains("from the surface as read"),
+            "{error}"
+        );
     }
 }

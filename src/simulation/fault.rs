@@ -63,6 +63,14 @@ pub enum Fault {
         /// Name of the file.
         file: String,
     },
+    /// E070: a remeshed bone would have another shape.
+    #[error("it would be {deviation_mm} mm from the surface as read, of {most_mm} mm allowed")]
+    TooCoarse {
+        /// Distance from the surface as read, in millimetres.
+        deviation_mm: String,
+        /// Greatest distance, in millimetres.
+        most_mm: String,
+    },
     /// E070: the target edge length is impossible.
     #[error("cannot refine to this edge length: {why}")]
     Refine {
@@ -164,7 +172,7 @@ impl Fault {
             Self::InsideOut { .. } => "E038",
             Self::NoTriangles { .. } => "E046",
             Self::NoLines { .. } => "E047",
-            Self::Refine { .. } => "E070",
+            Self::Refine { .. } | Self::TooCoarse { .. } => "E070",
             Self::NoSuchComponent { .. } => "E071",
             Self::NothingAttached { .. } | Self::LimitedToNothing { .. } => "E072",
             Self::TooManyAttached { .. } => "E073",
@@ -198,6 +206,7 @@ impl Fault {
             },
             Self::NoLines { .. } => "fibres are read from LINES of a legacy VTK file or `l` of an OBJ file".to_owned(),
             Self::Refine { .. } => "ask for a longer edge length".to_owned(),
+            Self::TooCoarse { .. } => "ask for a shorter edge length".to_owned(),
             Self::NoSuchComponent { .. } => "name another number behind `#`, or none".to_owned(),
             Self::NothingAttached { .. } => "check that muscle, bone and patch belong together and each `unit` is \
                 right, or raise `near` or `within`"

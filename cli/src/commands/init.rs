@@ -34,8 +34,8 @@ Examples:
 Reads every mesh of a folder. Names tell bones from muscles (--bones and --muscles for others) and find the
 joint. A sphere is fitted to a head, and the axis of a hinge is the line through two condyles. Bones within
 3 mm hold a muscle; an end that is farther away is held by the bone nearest to it. Meshes that a simulation
-refuses are repaired. Uneven and very fine meshes are remeshed. NAME.toml has every guess as a line with its reason. Then
-the first ten frames are run, with a report. Next:
+refuses are repaired. Uneven and very fine meshes are remeshed. NAME.toml has every guess as a line with
+its reason. Then the first ten frames are run, with a report. Next:
   pliant plan NAME.toml
   pliant run NAME.toml
 

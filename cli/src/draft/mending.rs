@@ -14,8 +14,8 @@ use super::mm;
 const EVEN: f64 = 0.5;
 const SHORTEST: usize = 20;
 
-/// Number of vertices of an uneven or a fine mesh after remeshing: a muscle then runs for some ten seconds, and the
-/// shape is kept to a tenth of an edge.
+/// Number of vertices of an uneven or a fine mesh after remeshing: a muscle then runs for some ten seconds, and
+/// the shape is kept to a tenth of an edge.
 const REMESHED: f64 = 2500.0;
 
 /// Segmentations have ten times as many vertices, at the distance of their voxels. What has more than
@@ -62,7 +62,7 @@ pub fn mended(mesh: &TriangleMesh) -> Result<Option<Mended>, String> {
         .any(|f| f.kind == FindingKind::OpenBoundary);
     let holes = if is_open { LONGEST_RIM } else { 0 };
     let mut left = Vec::new();
-    for keep_largest in [false, true] {
+    for keep_largest in [specks(mesh).is_some(), true] {
         let options = RepairOptions {
             close_holes: holes,
             keep_largest,
@@ -152,7 +152,7 @@ impl Edges {
         Some(Self(lengths))
     }
 
-    /// The length below which one edge in so many is.
+    /// A quantile: one edge in `part` is shorter.
     pub(super) fn part(&self, part: usize) -> f64 {
         self.0[self.0.len() / part]
     }

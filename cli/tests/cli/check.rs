@@ -96,7 +96,7 @@ fn an_unreadable_file_does_not_hide_the_others() {
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     let all = &measures(&found)["meshes"];
     assert!(all[0]["error"].as_str().is_some_and(|e| e.contains("E010")) && code(&done) == Some(2));
-    // What the reader has seen is told beside what the mesh has.
+    // Warnings of the reader stand beside the findings of the mesh.
     let misnamed = scratch.join("misnamed.stl");
     fs::copy(&good, &misnamed).unwrap();
     let said = |file: &Path| text(&run(&["check", shown(file)]).stdout);

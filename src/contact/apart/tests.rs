@@ -5,13 +5,8 @@ use nalgebra::Vector3;
 use super::*;
 use crate::mesh::shapes::icosphere;
 
-#[test]
-fn surfaces_that_do_not_cross_are_parted_whatever_side_was_given() {
-    let mut other = icosphere(0.05, 2);
-    // Their boxes overlap, the spheres do not.
-    let by = Vector3::new(0.075, 0.075, 0.0);
-    other.vertices.iter_mut().for_each(|v| *v += by);
-    let meshes = [icosphere(0.05, 2), other];
+/// Two free surfaces that keep a gap of 0.1 mm.
+fn of_two(meshes: &[TriangleMesh; 2]) -> Scene {
     let surfaces = meshes.each_ref().map(Surface::new);
     let body = |k: usize| SoftBody {
         name: "",
@@ -24,7 +19,17 @@ fn surfaces_that_do_not_cross_are_parted_whatever_side_was_given() {
         to_bones: 1e-3,
         between: 1e-4,
     };
-    let mut scene = Scene::new(&[body(0), body(1)], &[], gaps);
+    Scene::new(&[body(0), body(1)], &[], gaps)
+}
+
+#[test]
+fn surfaces_that_do_not_cross_are_parted_whatever_side_was_given() {
+    let mut other = icosphere(0.05, 2);
+    // Their boxes overlap, the spheres do not.
+    let by = Vector3::new(0.075, 0.075, 0.0);
+    other.vertices.iter_mut().for_each(|v| *v += by);
+    let meshes = [icosphere(0.05, 2), other];
+    let mut scene = of_two(&meshes);
     // The side beyond the other sphere: a vertex that has gone around it may still have it.
     let beyond = Some(Vector3::new(1.0, 1.0, 0.0).normalize());
     scene.sides[1] = vec![beyond; meshes[0].vertices.len()];
@@ -42,19 +47,7 @@ fn a_push_knows_how_deep_its_point_is() {
         .iter_mut()
         .for_each(|v| v.x += 2.0 * radius - deep);
     let meshes = [icosphere(radius, 3), other];
-    let surfaces = meshes.each_ref().map(Surface::new);
-    let body = |k: usize| SoftBody {
-        name: "",
-        mesh: &meshes[k],
-        surface: &surfaces[k],
-        held: Vec::new(),
-        fixed: false,
-    };
-    let gaps = Gaps {
-        to_bones: 1e-3,
-        between: 1e-4,
-    };
-    let mut scene = Scene::new(&[body(0), body(1)], &[], gaps);
+    let mut scene = of_two(&meshes);
     let seen = scene.look(false);
     let all = seen.pushes.iter().map(|push| push.distance(&scene.all));
     let (mut most, mut count) = (0.0_f64, 0);

@@ -109,6 +109,11 @@ fn table(path: &Path) -> HashMap<String, Vec<String>> {
         .collect()
 }
 
+/// The verdict of a row; a row that a stopped trial left in the middle has none.
+fn verdict(row: &[String]) -> &str {
+    row.get(4).map_or("", String::as_str)
+}
+
 fn append(path: &Path, row: &[&str]) -> Result<(), String> {
     use std::io::Write as _;
     let is_new = !path.exists();
@@ -130,7 +135,7 @@ fn output(program: &str, arguments: &[&str]) -> Result<String, String> {
     Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
-/// Scores of the folders in Markdown, and survivors without a reason.
+/// Scores of the folders in Markdown, and the survivors that are not equivalent.
 fn report(drawn: &[Mutant], here: &Path) {
     let (results, reasons) = (
         table(&here.join("results.tsv")),
@@ -147,7 +152,7 @@ fn report(drawn: &[Mutant], here: &Path) {
         let is_equivalent = reasons
             .get(&mutant.id)
             .is_some_and(|r| r.get(1).is_some_and(|w| w == "equivalent"));
-        match (row[4].as_str(), is_equivalent) {
+        match (verdict(row), is_equivalent) {
             ("killed", _) => score[1] += 1,
             (_, true) => score[2] += 1,
             _ => {
@@ -224,7 +229,7 @@ fn run() -> Result<(), String> {
     for (number, mutant) in drawn.iter().enumerate() {
         let is_known = known
             .get(&mutant.id)
-            .is_some_and(|row| !(again && row[4] != "killed"));
+            .is_some_and(|row| !(again && verdict(row) != "killed"));
         if is_known || only.as_ref().is_some_and(|only| *only != mutant.folder) {
             continue;
         }

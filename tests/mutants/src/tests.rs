@@ -18,7 +18,7 @@ const LEFT_OUT: [&str; 2] = ["house", "docs"];
 const LONGEST: Duration = Duration::from_secs(60);
 /// Tests of one process: as many as take so long together.
 const TOGETHER: Duration = Duration::from_secs(4);
-/// A mutant that takes so many times as long hangs.
+/// A mutant hangs if its tests take this many times as long as without it.
 const HANGS: u32 = 5;
 /// Memory of a process [KiB].
 const MEMORY: &str = "12000000";
