@@ -19,6 +19,7 @@ pub(crate) mod repair;
 pub mod shapes;
 pub(crate) mod sum;
 pub(crate) mod topology;
+pub(crate) mod tube;
 pub(crate) mod union_find;
 pub(crate) mod winding;
 
@@ -40,6 +41,7 @@ pub use measures::Aabb;
 pub(crate) use refine::refine_patch;
 pub use refine::{RefineError, Refined, refine};
 pub use topology::Topology;
+pub use tube::{lengthened, rim_pose, stump};
 
 /// A triangle mesh: vertex positions [m] and triangles of vertex indices, counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -245,7 +245,7 @@ fn remeshed(
         });
     }
     notes.push(format!(
-        "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
+        "remeshed from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
         mesh.vertices.len(),
         refined.mesh.vertices.len(),
         refined.report.min_edge * 1e3,

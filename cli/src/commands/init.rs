@@ -504,13 +504,18 @@ fn in_words(draft: &Draft, path: &Path) -> String {
             {
                 let bones = held.attachments.iter().map(|a| {
                     let name = &draft.bones[a.bone].name;
-                    match &a.far {
-                        Some(far) if far.lacks_tendon => {
+                    let tendon = held.tendon.as_ref().filter(|_| a.patch.is_none());
+                    match (&a.far, tendon) {
+                        (Some(_), Some((_, tendon))) => {
+                            let mm = 1e3 * tendon.course.length();
+                            format!("{name} by a tendon of {mm:.0} mm, which the file lacks and the draft adds")
+                        }
+                        (Some(far), _) if far.lacks_tendon => {
                             let mm = far.mm;
                             format!("{name} from {mm:.0} mm away, as the mesh lacks its tendon over the joint")
                         }
-                        Some(far) => format!("{name} from {:.0} mm away", far.mm),
-                        None => name.clone(),
+                        (Some(far), _) => format!("{name} from {:.0} mm away", far.mm),
+                        (None, _) => name.clone(),
                     }
                 });
                 told.push(format!("held by {}", bones.collect::<Vec<_>>().join(", ")));

@@ -36,6 +36,11 @@ pub struct FarEnd {
     pub mm: f64,
     /// The middle of its tip [m].
     pub middle: Point3<f64>,
+    /// The direction from the muscle's middle to the tip, along its length, and the length [m].
+    pub outward: Vector3<f64>,
+    pub length: f64,
+    /// The bone that is nearest to the tip.
+    pub nearest: Option<usize>,
     /// Whether a bone that rests holds it, although its tendon would cross the joint.
     pub lacks_tendon: bool,
 }
@@ -83,6 +88,8 @@ struct Around<'a> {
     turns: bool,
     /// Distance of each vertex from the one and from the other tip, relative to the length.
     from_tip: [Vec<f64>; 2],
+    /// The direction from the other to the one tip.
+    axis: Vector3<f64>,
     length: f64,
     /// The part of the area that belongs to each vertex [m2].
     areas: Vec<f64>,
@@ -139,6 +146,9 @@ pub fn find(
             far: Some(FarEnd {
                 mm,
                 middle: around.middle_of_tip(e),
+                outward: if e == 0 { around.axis } else { -around.axis },
+                length: around.length,
+                nearest: around.to_tip(e, None).map(|(bone, _)| bone),
                 lacks_tendon: false,
             }),
         });
@@ -146,6 +156,16 @@ pub fn find(
     found.sort_by_key(|a| a.bone);
     let loose = (0..2).filter(|&e| ends[e].is_none());
     (found, loose.map(|e| around.loose(e)).collect())
+}
+
+/// The triangles of what is near to a bone that holds all of it, as one of several attachments.
+pub fn patch_near(muscle: &TriangleMesh, bone: &Surface, attachments: usize) -> Option<Vec<u32>> {
+    let around = Around::new(muscle, std::slice::from_ref(bone), None)?;
+    let key = |v: usize| match around.is_near(0, v) {
+        true => around.distances[0][v],
+        false => f64::INFINITY,
+    };
+    Some(around.patch(key, share(attachments)))
 }
 
 /// The share of a muscle that each of several attachments holds.
@@ -174,6 +194,7 @@ impl<'a> Around<'a> {
             sides: (0..bones.len()).map(side).collect(),
             turns: turns.is_some(),
             from_tip: [from_tip(1.0), from_tip(-1.0)],
+            axis: *axis,
             length,
             areas: mesh.vertex_areas(),
         })

@@ -107,8 +107,7 @@ pub(super) fn remeshed(mesh: &TriangleMesh) -> Option<(String, f64)> {
     if is_even && count as f64 <= MANY * REMESHED {
         return None;
     }
-    // Of as many vertices in equilateral triangles.
-    let edge = (2.0 * mesh.area() / (3.0_f64.sqrt() * REMESHED)).sqrt();
+    let edge = edge_of(mesh);
     let why = match is_even {
         true => many(count),
         false => format!(
@@ -119,6 +118,12 @@ pub(super) fn remeshed(mesh: &TriangleMesh) -> Option<(String, f64)> {
         ),
     };
     (edge > 0.0).then_some((why, edge))
+}
+
+/// The length of edges of a mesh after remeshing [m].
+pub(super) fn edge_of(mesh: &TriangleMesh) -> f64 {
+    // Of as many vertices in equilateral triangles.
+    (2.0 * mesh.area() / (3.0_f64.sqrt() * REMESHED)).sqrt()
 }
 
 /// Why a bone is remeshed to edges of this length [m], and the length; `None` for one that has not many

@@ -21,6 +21,7 @@ use pliant::io::file_name;
 use pliant::mesh::TriangleMesh;
 use pliant::scene::EFFECTS;
 use pliant::simulation::Assets;
+use tendon::Tendon;
 
 /// Resistance to bending: with less, muscles of the measured hip lose more than half of their thickness.
 const BENDING: &str = "5e-4 N m";
@@ -61,6 +62,9 @@ pub struct Held {
     pub loose: Vec<LooseEnd>,
     /// The files of its patches, one for each attachment that has one, and their meshes [m].
     pub patches: Vec<Option<(PathBuf, TriangleMesh)>>,
+    /// The muscle with a tendon that its mesh lacks, and the file of both. The attachment from afar without a
+    /// patch of its own holds its end.
+    pub tendon: Option<(PathBuf, Tendon)>,
 }
 
 /// The scene.
@@ -90,13 +94,20 @@ fn nearest_axis(direction: &Unit<Vector3<f64>>) -> [i32; 3] {
 }
 
 impl Draft {
-    /// Finds attachments, and muscles to remesh, on the unchanged meshes.
+    /// Finds attachments and missing tendons, and what to remesh, on the unchanged meshes.
     pub fn examine(&mut self, assets: &Assets) {
         let bones: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
-        let meshes = || assets.muscles.iter().map(|muscle| &muscle.mesh);
+        let meshes: Vec<&TriangleMesh> = assets.muscles.iter().map(|muscle| &muscle.mesh).collect();
+        let each = self.muscles.iter().zip(&meshes);
+        let mut held: Vec<Held> = each
+            .map(|(muscle, mesh)| self.attach(muscle, mesh, &bones))
+            .collect();
+        self.add_tendons(&mut held, &meshes, &bones);
+        self.draw_patches(&mut held, &meshes);
         // Contact is no more exact than the edges of the muscles.
         let mut shortest = f64::INFINITY;
-        for (muscle, mesh) in self.muscles.iter_mut().zip(meshes()) {
+        for ((muscle, mesh), held) in self.muscles.iter_mut().zip(&meshes).zip(&held) {
+            let mesh = held.tendon.as_ref().map_or(*mesh, |(_, with)| &with.mesh);
             muscle.remesh(mesh, remeshed(mesh));
             let after = muscle.remeshed.as_ref().map(|(_, edge)| *edge);
             let edge = after.or_else(|| Some(Edges::of(mesh)?.part(2)));
@@ -105,56 +116,115 @@ impl Draft {
         for (bone, mesh) in self.bones.iter_mut().zip(&assets.bones) {
             bone.remesh(mesh, coarser(mesh, shortest));
         }
-        let each = self.muscles.iter().zip(meshes());
-        self.held = each
-            .map(|(muscle, mesh)| self.examine_one(muscle, mesh, &bones))
-            .collect();
+        self.held = held;
     }
 
-    fn examine_one(&self, muscle: &Body, mesh: &TriangleMesh, bones: &[Surface]) -> Held {
+    fn attach(&self, muscle: &Body, mesh: &TriangleMesh, bones: &[Surface]) -> Held {
         let turns = self.joint.as_ref().map(|joint| joint.turns.as_slice());
         let joint = self.joint.as_ref();
         let crosses = joint.and_then(|joint| names::crosses(&muscle.name, joint.known.name));
-        let (mut attachments, loose) = attachments::find(mesh, bones, turns, crosses);
-        if let Some(joint) = &self.joint {
-            let is_held_from_afar = |a: &&mut Attachment| joint.turns.contains(&a.bone);
-            for attachment in attachments.iter_mut().filter(is_held_from_afar) {
-                let Some(far) = &mut attachment.far else {
+        let (attachments, loose) = attachments::find(mesh, bones, turns, crosses);
+        Held {
+            attachments,
+            loose,
+            ..Held::default()
+        }
+    }
+
+    /// Lengthens each muscle whose tendon crosses the joint, and that its mesh lacks. Where that cannot be
+    /// done, and the motion carries the end into a bone that rests, such a bone holds it.
+    fn add_tendons(&self, held: &mut [Held], meshes: &[&TriangleMesh], bones: &[Surface]) {
+        let Some(joint) = &self.joint else { return };
+        let is_far = |held: &Held| held.attachments.iter().any(|a| a.far.is_some());
+        let surfaces: Vec<Surface> = match held.iter().any(is_far) {
+            true => meshes.iter().map(|mesh| Surface::new(mesh)).collect(),
+            false => Vec::new(),
+        };
+        let turns = |bone: usize| joint.turns.contains(&bone);
+        for m in 0..held.len() {
+            for a in 0..held[m].attachments.len() {
+                let attachment = &held[m].attachments[a];
+                let (Some(far), bone) = (&attachment.far, attachment.bone) else {
                     continue;
                 };
-                let triangles = attachment.patch.iter().flatten();
-                let held: BTreeSet<u32> = triangles
-                    .flat_map(|&t| mesh.triangles[t as usize])
-                    .collect();
-                let held: Vec<_> = held.iter().map(|&v| mesh.vertices[v as usize]).collect();
-                if tendon::is_carried_into(&held, joint, bones)
-                    && let Some((bone, away)) = tendon::nearest_at_rest(&far.middle, joint, bones)
-                {
-                    attachment.bone = bone;
-                    (far.mm, far.lacks_tendon) = (1e3 * away, true);
+                let is_other_side = |nearest| turns(nearest) != turns(bone);
+                let crosses = far.mm > NEAR_MM && far.nearest.is_some_and(is_other_side);
+                let mut others: Vec<&Surface> = surfaces.iter().collect();
+                others.remove(m);
+                let around = tendon::Around {
+                    bones,
+                    muscles: others,
+                    tendons: held
+                        .iter()
+                        .filter_map(|held| Some(&held.tendon.as_ref()?.1.course))
+                        .collect(),
+                };
+                let is_first = held[m].tendon.is_none();
+                let tendon = (crosses && is_first && self.parts.is_some())
+                    .then(|| around.lengthened(meshes[m], far, bone))
+                    .flatten();
+                if let Some(tendon) = tendon {
+                    self.lengthen(&mut held[m], m, a, tendon, meshes[m], bones);
+                } else if turns(bone) {
+                    held_at_rest(&mut held[m].attachments[a], meshes[m], joint, bones);
                 }
             }
         }
-        let patch = |(k, a): (usize, &Attachment)| {
-            let bone = file_name(&self.bones[a.bone].name);
-            let file = format!("{}-{}-on-{bone}.obj", file_name(&muscle.name), k + 1);
-            let path = self.parts.as_ref()?.join(file);
-            Some((path, part(mesh, a.patch.as_ref()?)))
-        };
-        Held {
-            patches: attachments.iter().enumerate().map(patch).collect(),
-            attachments,
-            loose,
+    }
+
+    /// Gives a muscle its tendon for one of its attachments. The others must not hold the tendon where it
+    /// passes their bones.
+    fn lengthen(
+        &self,
+        held: &mut Held,
+        muscle: usize,
+        attachment: usize,
+        tendon: Tendon,
+        mesh: &TriangleMesh,
+        bones: &[Surface],
+    ) {
+        let count = held.attachments.len();
+        for (a, other) in held.attachments.iter_mut().enumerate() {
+            if a != attachment && other.patch.is_none() {
+                other.patch = attachments::patch_near(mesh, &bones[other.bone], count);
+            }
+        }
+        let file = format!("{}-with-tendon.obj", file_name(&self.muscles[muscle].name));
+        let path = self.parts.iter().map(|parts| parts.join(&file)).next();
+        held.attachments[attachment].patch = None;
+        held.tendon = path.map(|path| (path, tendon));
+    }
+
+    /// The meshes of all patches.
+    fn draw_patches(&self, held: &mut [Held], meshes: &[&TriangleMesh]) {
+        for ((held, mesh), muscle) in held.iter_mut().zip(meshes).zip(&self.muscles) {
+            let Held {
+                attachments,
+                tendon,
+                ..
+            } = &*held;
+            let patch = |(k, a): (usize, &Attachment)| {
+                let bone = file_name(&self.bones[a.bone].name);
+                let file = format!("{}-{}-on-{bone}.obj", file_name(&muscle.name), k + 1);
+                let path = self.parts.as_ref()?.join(file);
+                let mesh = match (&a.patch, &a.far, tendon) {
+                    (Some(patch), _, _) => part(mesh, patch),
+                    (None, Some(_), Some((_, with))) => part(&with.mesh, &with.end),
+                    _ => return None,
+                };
+                Some((path, mesh))
+            };
+            held.patches = attachments.iter().enumerate().map(patch).collect();
         }
     }
 
     /// The meshes that the scene needs beside those of its bodies, with their files.
     pub fn files(&self) -> impl Iterator<Item = (&PathBuf, &TriangleMesh)> {
-        let patches = self
-            .held
-            .iter()
-            .flat_map(|held| held.patches.iter().flatten());
-        patches.map(|(path, mesh)| (path, mesh))
+        let patches = self.held.iter().flat_map(|held| held.patches.iter().flatten());
+        let tendons = self.held.iter().filter_map(|held| held.tendon.as_ref());
+        patches
+            .map(|(path, mesh)| (path, mesh))
+            .chain(tendons.map(|(path, with)| (path, &with.mesh)))
     }
 
     /// The scene as TOML.
@@ -181,11 +251,12 @@ impl Draft {
             }
         }
         for (b, bone) in self.bones.iter().enumerate() {
-            self.put_body(&mut toml, "bone", bone);
+            self.put_body(&mut toml, "bone", bone, None);
             self.put_motion(&mut toml, b);
         }
         for (m, muscle) in self.muscles.iter().enumerate() {
-            self.put_body(&mut toml, "muscle", muscle);
+            let tendon = self.held.get(m).and_then(|held| held.tendon.as_ref());
+            self.put_body(&mut toml, "muscle", muscle, tendon);
             if let Some(held) = self.held.get(m) {
                 self.put_held(&mut toml, held);
             }
@@ -214,7 +285,13 @@ impl Draft {
         has(true) && has(false)
     }
 
-    fn put_body(&self, toml: &mut String, kind: &str, body: &Body) {
+    fn put_body(
+        &self,
+        toml: &mut String,
+        kind: &str,
+        body: &Body,
+        tendon: Option<&(PathBuf, Tendon)>,
+    ) {
         let name = quoted(&body.name);
         let why = match body.why.as_str() {
             "" => String::new(),
@@ -222,11 +299,23 @@ impl Draft {
         };
         let _ = writeln!(toml, "\n[[{kind}]]{why}\nname = {name}");
         let (path, unit) = (quoted(&body.path), quoted(&self.unit));
-        let _ = write!(toml, "mesh = {path}\nunit = {unit}\n");
+        let _ = match tendon {
+            None => write!(toml, "mesh = {path}\nunit = {unit}\n"),
+            Some((with, tendon)) => write!(
+                toml,
+                "# {path}, and a tendon of {} mm with a radius of {} mm, the shortest way round the bones\n\
+                 mesh = {}\nunit = \"m\"\n",
+                mm(tendon.course.length()),
+                mm(tendon.course.radius),
+                quoted(&with.display().to_string()),
+            ),
+        };
         let cut = body.cut.as_ref().map_or(String::new(), |(why, length)| {
             format!("cut_handles = \"{} mm\" # {why}\n", mm(*length))
         });
-        if let Some(Mended { why, options }) = &body.mended {
+        // What was lengthened was mended before.
+        let mended = body.mended.as_ref().filter(|_| tendon.is_none());
+        if let Some(Mended { why, options }) = mended {
             let _ = write!(toml, "repair = true # {why}\n{cut}");
             if options.close_holes > 0 {
                 let _ = writeln!(toml, "close_holes = {}", options.close_holes);
@@ -287,7 +376,9 @@ impl Draft {
         let limit = 100.0 * attachments::share(held.attachments.len());
         for (attachment, patch) in held.attachments.iter().zip(&held.patches) {
             let bone = quoted(&self.bones[attachment.bone].name);
+            let is_tendon = attachment.patch.is_none() && held.tendon.is_some();
             let why = match (&attachment.far, patch) {
+                (Some(_), _) if is_tendon => " # the end of the tendon, which the file lacks".to_owned(),
                 (Some(far), _) if far.lacks_tendon => format!(
                     " # the mesh lacks the tendon over the joint: this bone, {:.0} mm away, holds its end",
                     far.mm
@@ -340,6 +431,29 @@ impl Draft {
             each.collect()
         };
         self.held.iter().zip(&self.muscles).flat_map(of).collect()
+    }
+}
+
+/// Lets a bone that rests hold an end, if the motion would carry it into one.
+fn held_at_rest(
+    attachment: &mut Attachment,
+    mesh: &TriangleMesh,
+    joint: &Joint,
+    bones: &[Surface],
+) {
+    let Some(far) = &mut attachment.far else {
+        return;
+    };
+    let triangles = attachment.patch.iter().flatten();
+    let held: BTreeSet<u32> = triangles
+        .flat_map(|&t| mesh.triangles[t as usize])
+        .collect();
+    let held: Vec<_> = held.iter().map(|&v| mesh.vertices[v as usize]).collect();
+    if tendon::is_carried_into(&held, joint, bones)
+        && let Some((bone, away)) = tendon::nearest_at_rest(&far.middle, joint, bones)
+    {
+        attachment.bone = bone;
+        (far.mm, far.lacks_tendon) = (1e3 * away, true);
     }
 }
 

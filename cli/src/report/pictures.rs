@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use super::frames::stretch;
 use super::shots::Shots;
 use super::turntable::{Side, Turntable};
-use pliant::mesh::measures::Aabb;
+use crate::draft::fit::long_axis;
+use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::simulation::{BodyDescription, FrameState, SceneDescription};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Surface, TextStyle,
@@ -36,6 +37,12 @@ const LEAST_RANGE: f64 = 0.1;
 /// Share of vertices within the colour scale in the worst frame, so that a single extreme vertex
 /// does not make the rest pale.
 const COVERED: f64 = 0.98;
+
+/// Muscles are long if they have this many times their width.
+const LONG: f64 = 1.5;
+
+/// Number of fibres of a muscle in a picture: more of them hide its colours.
+const DRAWN: usize = 24;
 
 /// Colour of fibres on bright muscles, where the renderer's colour is unsuitable.
 const LINE: colour::Rgb = [0.95, 0.95, 0.97];
@@ -324,7 +331,13 @@ impl<'a> Painter<'a> {
                     .lines
                     .iter()
                     .map(|line| line.iter().map(|&v| x[v as usize]).collect());
-                actor.fibres.at(x).into_iter().chain(bare).collect()
+                // They would hide what is held.
+                let fibres = match self.shown {
+                    Shown::Stretch => actor.fibres.at(x),
+                    Shown::Attached => Vec::new(),
+                };
+                let every = fibres.len().div_ceil(DRAWN).max(1);
+                fibres.into_iter().step_by(every).chain(bare).collect()
             })
             .collect();
         let mut drawing = Drawing::of(surfaces.chain(around));
@@ -387,6 +400,13 @@ fn view(cast: &SceneDescription, first: &FrameState, bounds: &Aabb) -> (View, bo
         .flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
     let bones: Vec<Point3<f64>> = bones.filter(|p| bounds.contains(p)).collect();
     let outward = mean(&muscles).zip(mean(&bones)).map(|(m, b)| m - b);
+    // What is long is not seen from its end.
+    let long = long_axis(&muscles).filter(|(middle, axis, length)| {
+        let aside = |p: &Point3<f64>| (p - middle).cross(axis).norm();
+        *length >= LONG * 2.0 * max_or_nan(muscles.iter().map(aside))
+    });
+    let across = |o: Vector3<f64>| long.map_or(o, |(_, axis, _)| o - axis.scale(o.dot(&axis)));
+    let outward = outward.map(across);
     // If bones are on all sides, as with two plates, any side is suitable.
     let clear = outward.filter(|o| o.norm() > 0.03 * bounds.extents().amax());
     let outward = clear.and_then(|o| o.try_normalize(0.0));

@@ -17,6 +17,7 @@ use super::{LONGEST_RIM, RepairStep, fill, topology};
 use crate::format::counted;
 use crate::mesh::TriangleMesh;
 use crate::mesh::crossings::crossings_of;
+use crate::mesh::measures::Aabb;
 use crate::mesh::topology::Topology;
 use crate::mesh::union_find::UnionFind;
 
@@ -31,6 +32,7 @@ pub(super) fn cut(working: &mut Working, longest: f64) {
     if !(longest > 0.0) {
         return;
     }
+    let side = Aabb::of_points(&working.vertices).extents().max();
     let (mut around, mut greatest) = (Vec::new(), 0.0_f64);
     let genus = |of: i64| (of / 2) as usize;
     let first = topology(working).euler_characteristic();
@@ -44,8 +46,9 @@ pub(super) fn cut(working: &mut Working, longest: f64) {
     let count = genus(topology(working).euler_characteristic() - first);
     let message = || {
         let handles = counted(count, "handle", "handles");
-        let length = crate::format::number(greatest);
-        format!("cut {handles}, around loops of up to {length}")
+        // Repair does not know the unit.
+        let share = crate::format::number(100.0 * greatest / side);
+        format!("cut {handles}, around loops of up to {share} % of its longest side")
     };
     working.note(RepairStep::CutHandles, count, message, around);
 }
