@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Complex, Point3, Unit, Vector3};
 
+use super::TriangleMesh;
 use super::boundary::rims;
 use super::cut::cut;
 use super::topology::Topology;
-use super::TriangleMesh;
 
 /// Fewest vertices around a tube.
 const AROUND: f64 = 8.0;
@@ -74,7 +74,9 @@ pub fn lengthened(
 
     // Of each place on the rim, its share of the whole length, and its offset in the frame.
     let places = Loop::new(stump, rim);
-    let count = (TAU * radius / edge).clamp(AROUND, f64::from(u16::MAX)).round() as usize;
+    let count = (TAU * radius / edge)
+        .clamp(AROUND, f64::from(u16::MAX))
+        .round() as usize;
     let shares: Vec<f64> = (0..count).map(|j| j as f64 / count as f64).collect();
     let offsets: Vec<Vector3<f64>> = shares
         .iter()
@@ -82,9 +84,8 @@ pub fn lengthened(
         .map(|o| Vector3::new(frame[0].dot(&o), frame[1].dot(&o), frame[2].dot(&o)))
         .collect();
     // The rotation of the circle that is nearest to the rim.
-    let turned = |(u, o): (&f64, &Vector3<f64>)| {
-        Complex::new(o.x, o.y) * Complex::from_polar(1.0, -TAU * u)
-    };
+    let turned =
+        |(u, o): (&f64, &Vector3<f64>)| Complex::new(o.x, o.y) * Complex::from_polar(1.0, -TAU * u);
     let first: Complex<f64> = shares.iter().zip(&offsets).map(turned).sum();
     let circle = |u: f64| {
         let (sine, cosine) = (TAU * u + first.arg()).sin_cos();
@@ -155,7 +156,10 @@ struct Loop {
 
 impl Loop {
     fn new(mesh: &TriangleMesh, vertices: &[u32]) -> Self {
-        let points: Vec<Point3<f64>> = vertices.iter().map(|&v| mesh.vertices[v as usize]).collect();
+        let points: Vec<Point3<f64>> = vertices
+            .iter()
+            .map(|&v| mesh.vertices[v as usize])
+            .collect();
         let (mut before, mut shares) = (0.0, Vec::new());
         for (k, p) in points.iter().enumerate() {
             shares.push(before);
@@ -172,7 +176,11 @@ impl Loop {
         let after = self.shares.get(next).copied().unwrap_or(1.0);
         let part = (share - self.shares[k]) / (after - self.shares[k]);
         let [a, b] = [self.points[k], self.points[next % self.points.len()]];
-        if part.is_finite() { a + (b - a) * part } else { a }
+        if part.is_finite() {
+            a + (b - a) * part
+        } else {
+            a
+        }
     }
 }
 
@@ -204,7 +212,11 @@ impl Polyline {
         let piece = self.along[k] - self.along[k - 1];
         let part = ((along - self.along[k - 1]) / piece).clamp(0.0, 1.0);
         let [a, b] = [self.points[k - 1], self.points[k]];
-        if part.is_finite() { a + (b - a) * part } else { b }
+        if part.is_finite() {
+            a + (b - a) * part
+        } else {
+            b
+        }
     }
 
     /// The direction between two places, one a `step` before and one after [m].
@@ -260,8 +272,8 @@ impl Built {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Health;
     use crate::mesh::shapes::icosphere;
+    use crate::mesh::{Finding, FindingKind, Health};
 
     /// A ball of 3 cm without what lies above 2 cm, and the rim.
     fn cut_ball() -> (TriangleMesh, Vec<u32>) {
@@ -270,17 +282,27 @@ mod tests {
         stump(&ball, &height).expect("one rim")
     }
 
+    /// Fit, and without crossings.
+    fn is_sound(mesh: &TriangleMesh) -> bool {
+        let health = Health::of(mesh);
+        let crosses = |f: &Finding| f.kind == FindingKind::SelfIntersection;
+        health.is_fit() && !health.findings.iter().any(crosses)
+    }
+
     #[test]
     fn a_ball_with_a_tube_is_sound_and_has_the_volume_of_both() {
         let (part, rim) = cut_ball();
         let (middle, out) = rim_pose(&part, &rim).expect("a plane");
-        assert!((middle - Point3::new(0.0, 0.0, 0.02)).norm() <= 1e-5, "{middle}");
+        assert!(
+            (middle - Point3::new(0.0, 0.0, 0.02)).norm() <= 1e-5,
+            "{middle}"
+        );
         assert!(out.z >= 1.0 - 1e-9, "{out:?}");
         // Straight up: cone-like over 2 radii of the rim, then a cylinder with a round end.
         let (length, radius) = (0.2, 0.005);
         let path = [middle, middle + Vector3::z() * length];
         let (mesh, tip) = lengthened(&part, &rim, &path, radius).expect("a tube");
-        assert!(Health::of(&mesh).is_fit());
+        assert!(is_sound(&mesh));
         let r0 = (0.03_f64.powi(2) - 0.02_f64.powi(2)).sqrt();
         let ball = TAU / 2.0 * (0.05_f64.powi(2) * (0.03 - 0.05 / 3.0));
         // The square of 1 - (1 - r/r0) s(t) with s = t^2 (3 - 2 t) over the taper: the mean of s is 1/2,
@@ -293,9 +315,14 @@ mod tests {
         // Chords of 8 to 12 sides around a thin tube enclose less.
         assert!((-0.03..=0.005).contains(&error), "{error}");
         // The tip is the last two radii and the round end.
-        let heights = tip.iter().flat_map(|&t| mesh.corners(t as usize)).map(|p| p.z);
+        let heights = tip
+            .iter()
+            .flat_map(|&t| mesh.corners(t as usize))
+            .map(|p| p.z);
         let lowest = heights.fold(f64::INFINITY, f64::min);
-        let edge = part.median_edge_length(&Topology::new(&part)).expect("edges");
+        let edge = part
+            .median_edge_length(&Topology::new(&part))
+            .expect("edges");
         let from = 0.02 + length - 2.0 * radius;
         assert!(lowest >= from - edge && lowest <= from + edge, "{lowest}");
         // Control: nothing of the ball is moved.
@@ -312,10 +339,20 @@ mod tests {
         };
         let path: Vec<Point3<f64>> = (0..=20).map(bend).collect();
         let (mesh, _) = lengthened(&part, &rim, &path, 0.005).expect("a tube");
-        assert!(Health::of(&mesh).is_fit());
+        assert!(is_sound(&mesh));
         let end = mesh.bounding_box().max;
-        assert!((end.x - 0.105).abs() <= 1e-3 && (end.z - 0.125).abs() <= 2e-3, "{end}");
-        // Controls: no path, and a body that the plane does not cut.
+        assert!(
+            (end.x - 0.105).abs() <= 1e-3 && (end.z - 0.125).abs() <= 2e-3,
+            "{end}"
+        );
+        // Controls: a path that turns back crosses the body; no path; and a body that the plane does not cut.
+        let back = [
+            middle,
+            middle + Vector3::z() * 0.02,
+            middle - Vector3::z() * 0.1,
+        ];
+        let (mesh, _) = lengthened(&part, &rim, &back, 0.005).expect("a tube");
+        assert!(!is_sound(&mesh));
         assert!(lengthened(&part, &rim, &[middle, middle], 0.005).is_none());
         let ball = icosphere(0.03, 2);
         assert!(stump(&ball, &vec![1.0; ball.vertices.len()]).is_none());

@@ -59,6 +59,18 @@ pub struct Attachment {
     pub far: Option<FarEnd>,
 }
 
+impl Attachment {
+    /// Lets another bone hold an end from afar, if a tendon can reach it.
+    pub fn move_to(&mut self, bone: usize, surface: &Surface) {
+        let Some(far) = &mut self.far else { return };
+        let away = surface.closest(&far.middle).map(|c| c.distance);
+        if let Some(away) = away.filter(|away| *away <= TENDON * far.length) {
+            self.bone = bone;
+            far.mm = 1e3 * away;
+        }
+    }
+}
+
 /// An end of a muscle that no bone holds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LooseEnd {
@@ -442,6 +454,42 @@ mod tests {
         let corners = triangles.flat_map(|&t| mesh.corners(t as usize));
         let to = |x| bone.closest(&x).map(|c| 1e3 * c.distance.abs());
         corners.filter_map(to).collect()
+    }
+
+    #[test]
+    fn another_bone_holds_an_end_from_afar_if_a_tendon_can_reach_it() {
+        let bones = [block(0.0, 0.111), block(0.0, -0.14), block(0.09, -0.14)];
+        let (mut found, _) = find(&spindle(), &bones[..2], Some(&[1]), None);
+        let there = found[1].clone();
+        found[1].move_to(2, &bones[2]);
+        assert_eq!((there.bone, found[1].bone), (1, 2));
+        let mm = found[1].far.as_ref().expect("from afar").mm;
+        assert!(
+            mm > there.far.as_ref().expect("from afar").mm + 10.0,
+            "{mm}"
+        );
+        // Controls: a bone out of reach, and an end that touches its bone.
+        found[1].move_to(0, &bones[0]);
+        assert_eq!(found[1].bone, 2);
+        found[0].move_to(2, &bones[2]);
+        assert_eq!(found[0].bone, 0);
+    }
+
+    #[test]
+    fn what_holds_all_that_is_near_holds_the_same_as_a_patch() {
+        let bone = block(0.0, 0.111);
+        let mesh = spindle();
+        let patch = patch_near(&mesh, &bone, 2).expect("a muscle");
+        let near = |v: u32| {
+            bone.closest(&mesh.vertices[v as usize])
+                .map(|c| 1e3 * c.distance)
+        };
+        let corners: Vec<f64> = patch
+            .iter()
+            .flat_map(|&t| mesh.triangles[t as usize])
+            .filter_map(near)
+            .collect();
+        assert!(!corners.is_empty() && max_or_nan(corners) <= NEAR_MM);
     }
 
     #[test]

@@ -123,12 +123,29 @@ impl Draft {
         let turns = self.joint.as_ref().map(|joint| joint.turns.as_slice());
         let joint = self.joint.as_ref();
         let crosses = joint.and_then(|joint| names::crosses(&muscle.name, joint.known.name));
-        let (attachments, loose) = attachments::find(mesh, bones, turns, crosses);
+        let (mut attachments, loose) = attachments::find(mesh, bones, turns, crosses);
+        if let Some(joint) = joint
+            && let Some(wanted) = self.insertion(muscle, joint)
+        {
+            let is_far = |a: &&mut Attachment| a.far.is_some() && joint.turns.contains(&a.bone);
+            attachments
+                .iter_mut()
+                .filter(is_far)
+                .for_each(|a| a.move_to(wanted, &bones[wanted]));
+        }
         Held {
             attachments,
             loose,
             ..Held::default()
         }
+    }
+
+    /// The bone that a joint turns and on which a muscle ends, by their names.
+    fn insertion(&self, muscle: &Body, joint: &Joint) -> Option<usize> {
+        let wanted = names::insertion(&muscle.name, joint.known.name)?;
+        let is_it =
+            |b: usize| names::known_bone(&self.bones[b].name).is_some_and(|k| k.name == wanted);
+        joint.turns.iter().copied().find(|&b| is_it(b))
     }
 
     /// Lengthens each muscle whose tendon crosses the joint, and that its mesh lacks. Where that cannot be
@@ -220,7 +237,10 @@ impl Draft {
 
     /// The meshes that the scene needs beside those of its bodies, with their files.
     pub fn files(&self) -> impl Iterator<Item = (&PathBuf, &TriangleMesh)> {
-        let patches = self.held.iter().flat_map(|held| held.patches.iter().flatten());
+        let patches = self
+            .held
+            .iter()
+            .flat_map(|held| held.patches.iter().flatten());
         let tendons = self.held.iter().filter_map(|held| held.tendon.as_ref());
         patches
             .map(|(path, mesh)| (path, mesh))
@@ -378,7 +398,9 @@ impl Draft {
             let bone = quoted(&self.bones[attachment.bone].name);
             let is_tendon = attachment.patch.is_none() && held.tendon.is_some();
             let why = match (&attachment.far, patch) {
-                (Some(_), _) if is_tendon => " # the end of the tendon, which the file lacks".to_owned(),
+                (Some(_), _) if is_tendon => {
+                    " # the end of the tendon, which the file lacks".to_owned()
+                }
                 (Some(far), _) if far.lacks_tendon => format!(
                     " # the mesh lacks the tendon over the joint: this bone, {:.0} mm away, holds its end",
                     far.mm

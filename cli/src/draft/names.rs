@@ -198,6 +198,22 @@ pub fn crosses(muscle: &str, joint: &str) -> Option<bool> {
     row.map(|(_, joints)| joints.contains(&joint))
 }
 
+/// Muscles that do not end on the nearest bone of those that a joint turns: beginnings of words of their
+/// names, the joint, and the bone.
+const INSERTIONS: [(&[&str], &str, &str); 3] = [
+    (&["biceps", "brachi"], "elbow", "radius"),
+    (&["brachialis"], "elbow", "ulna"),
+    (&["biceps", "femor"], "knee", "fibula"),
+];
+
+/// The bone on which a muscle ends that crosses a joint, by their names.
+pub fn insertion(muscle: &str, joint: &str) -> Option<&'static str> {
+    let words = words(muscle);
+    let has = |begin: &&str| words.iter().any(|word| word.starts_with(begin));
+    let of = |row: &&(&[&str], &str, &str)| row.1 == joint && row.0.iter().all(has);
+    INSERTIONS.iter().find(of).map(|row| row.2)
+}
+
 /// The words of a name, in small letters: it is divided at all but letters, and before a capital letter
 /// after a small one.
 fn words(name: &str) -> Vec<String> {
@@ -288,6 +304,20 @@ mod tests {
         is("shipment", None);
         is("cosmos", None);
         is("", None);
+    }
+
+    #[test]
+    fn names_tell_the_bone_on_which_a_muscle_ends() {
+        for (muscle, joint, bone) in [
+            ("Long_head_of_biceps_brachii.r", "elbow", Some("radius")),
+            ("Brachialis_muscle.r", "elbow", Some("ulna")),
+            ("biceps femoris left", "knee", Some("fibula")),
+            ("biceps femoris left", "hip", None),
+            ("Rectus_femoris", "knee", None),
+            ("biceps", "elbow", None),
+        ] {
+            assert_eq!(insertion(muscle, joint), bone, "{muscle} {joint}");
+        }
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::attachments::FarEnd;
 use super::joint::Joint;
 use super::mending;
 use pliant::contact::{Obstacle, Surface};
-use pliant::mesh::{Health, TriangleMesh, lengthened, rim_pose, stump};
+use pliant::mesh::{Finding, FindingKind, Health, TriangleMesh, lengthened, rim_pose, stump};
 
 /// Radius of a tendon, in edges of the muscle after remeshing: the thinnest that they can follow. A real one
 /// is thinner.
@@ -31,8 +31,10 @@ const POINTS: f64 = 40.0;
 /// square of that until it is even.
 const PASSES: usize = 60;
 
-/// How much nearer to a bone than wanted a course may end.
-const NEARER: f64 = 0.8;
+/// How much nearer to a bone than wanted a course may lie: its chords cut the bends of a bone. It is looked at in
+/// this many places between two points.
+const NEARER: f64 = 0.5;
+const LOOKED_BETWEEN: u32 = 4;
 
 /// Greatest length of a tendon, relative to the distance of the end from its bone.
 const DETOUR: f64 = 2.0;
@@ -76,14 +78,8 @@ pub struct Around<'a> {
 }
 
 impl Around<'_> {
-    /// A point moved out of what it is nearer to than `clear` [m].
+    /// A point moved out of what it is nearer to than `clear` [m]. Bones come last: a run parts muscles.
     fn kept_clear(&self, mut at: Point3<f64>, clear: f64) -> Point3<f64> {
-        let surfaces = self.bones.iter().chain(self.muscles.iter().copied());
-        for surface in surfaces {
-            if let Some(closest) = surface.closest(&at).filter(|c| c.distance < clear) {
-                at = closest.point + closest.normal * clear;
-            }
-        }
         for tendon in &self.tendons {
             let apart = clear + tendon.radius;
             if let Some((from, away)) = tendon.nearest(&at).filter(|n| n.1 < apart)
@@ -92,12 +88,23 @@ impl Around<'_> {
                 at = from + direction * apart;
             }
         }
+        for surface in self.muscles.iter().copied().chain(self.bones) {
+            if let Some(closest) = surface.closest(&at).filter(|c| c.distance < clear) {
+                at = closest.point + closest.normal * clear;
+            }
+        }
         at
     }
 
     /// The shortest course from a point to a bone that keeps clear of everything. The point after the first
     /// leads out of the muscle. `None` if there is none in reach.
-    fn course(&self, from: Point3<f64>, lead: Vector3<f64>, bone: usize, radius: f64) -> Option<Course> {
+    fn course(
+        &self,
+        from: Point3<f64>,
+        lead: Vector3<f64>,
+        bone: usize,
+        radius: f64,
+    ) -> Option<Course> {
         let clear = radius + GAP;
         let first = self.kept_clear(from + lead, clear);
         let onto = |at: &Point3<f64>| {
@@ -117,9 +124,13 @@ impl Around<'_> {
             let drawn = nalgebra::center(&points[count - 1], &points[count]);
             points[count] = self.kept_clear(onto(&drawn)?, clear);
         }
-        let clearances = points[1..]
-            .iter()
-            .flat_map(|at| self.bones.iter().filter_map(move |bone| bone.closest(at)));
+        // Bones can be thinner than the points are apart.
+        let between = points.windows(2).flat_map(|p| {
+            (1..=LOOKED_BETWEEN)
+                .map(|k| p[0] + (p[1] - p[0]) * (f64::from(k) / f64::from(LOOKED_BETWEEN)))
+        });
+        let clearances =
+            between.flat_map(|at| self.bones.iter().filter_map(move |bone| bone.closest(&at)));
         let is_clear = clearances.map(|c| c.distance).all(|d| d >= NEARER * clear);
         points.insert(0, from);
         let course = Course { points, radius };
@@ -131,8 +142,13 @@ impl Around<'_> {
     /// is no course, or if the surface would cross itself.
     pub fn lengthened(&self, muscle: &TriangleMesh, far: &FarEnd, bone: usize) -> Option<Tendon> {
         let radius = RADIUS * mending::edge_of(muscle);
-        let heights: Vec<f64> = muscle.vertices.iter().map(|v| -far.outward.dot(&v.coords)).collect();
+        let heights: Vec<f64> = muscle
+            .vertices
+            .iter()
+            .map(|v| -far.outward.dot(&v.coords))
+            .collect();
         let tip = heights.iter().copied().min_by(f64::total_cmp)?;
+        let before = Health::of(muscle);
         CUTS.iter().find_map(|share| {
             let from = tip + share * far.length;
             let heights: Vec<f64> = heights.iter().map(|h| h - from).collect();
@@ -147,7 +163,8 @@ impl Around<'_> {
                     }
                 }
             }
-            let is_fit = Health::of(&mesh).is_fit();
+            let after = Health::of(&mesh);
+            let is_fit = after.is_fit() && crossings(&after) <= crossings(&before);
             is_fit.then_some(Tendon { mesh, end, course })
         })
     }
@@ -159,6 +176,12 @@ const LOOKED_AT: u32 = 12;
 /// An end crosses the joint if more than this share of what is held of it turns into a bone: a run, which
 /// frees such vertices, is red if they are half of an attachment.
 const CROSSES: f64 = 0.25;
+
+/// Number of triangles that cross others.
+fn crossings(health: &Health) -> usize {
+    let is_it = |finding: &&Finding| finding.kind == FindingKind::SelfIntersection;
+    health.findings.iter().find(is_it).map_or(0, |f| f.count)
+}
 
 /// Whether the motion of a joint carries an end, by points of what is held of it, into one of the bones that
 /// rest.
@@ -188,4 +211,112 @@ pub fn nearest_at_rest(at: &Point3<f64>, joint: &Joint, bones: &[Surface]) -> Op
     let rests = (0..bones.len()).filter(|b| !joint.turns.contains(b));
     let each = rests.filter_map(|b| Some((b, bones[b].closest(at)?.distance)));
     each.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::mesh::shapes::{box_surface, icosphere};
+
+    /// A ball of 3 cm, a plate below it, and beside it a muscle of 20 cm whose lower end is above the ball.
+    fn knee() -> ([Surface; 2], TriangleMesh) {
+        let mut plate = box_surface([0.2, 0.2, 0.02], 0.02);
+        plate.vertices.iter_mut().for_each(|v| v.z -= 0.07);
+        let bones = [icosphere(0.03, 4), plate].map(|mesh| Surface::new(&mesh));
+        let mut muscle = icosphere(0.1, 5);
+        for v in &mut muscle.vertices {
+            *v = Point3::new(0.2 * v.x + 0.015, 0.2 * v.y, v.z + 0.15);
+        }
+        (bones, muscle)
+    }
+
+    #[test]
+    fn a_course_is_the_shortest_way_round_a_bone() {
+        let (bones, _) = knee();
+        let around = Around {
+            bones: &bones,
+            muscles: Vec::new(),
+            tendons: Vec::new(),
+        };
+        let (from, radius) = (Point3::new(0.015, 0.0, 0.06), 0.002);
+        let course = around
+            .course(from, Vector3::zeros(), 1, radius)
+            .expect("a course");
+        // A tangent to the ball, an arc to its side, and straight down.
+        let clear = radius + GAP;
+        let (reach, ball) = (from.coords.norm(), 0.03 + clear);
+        let arc = (0.06_f64).atan2(0.015) - (ball / reach).acos();
+        let way = (reach * reach - ball * ball).sqrt() + ball * arc + (0.06 - clear);
+        let length = course.length();
+        assert!((length / way - 1.0).abs() <= 0.01, "{length} {way}");
+        // Another tendon beside it keeps clear of the first one.
+        let both = Around {
+            tendons: vec![&course],
+            muscles: Vec::new(),
+            ..around
+        };
+        let start = from + Vector3::y() * 0.006;
+        let second = both
+            .course(start, Vector3::zeros(), 1, radius)
+            .expect("a course");
+        for at in &second.points[1..] {
+            let away = course.nearest(at).expect("points").1;
+            assert!(away >= NEARER * (2.0 * radius + GAP), "{away}");
+        }
+        // Controls: a straight line would lie in the ball, and there is no way to a bone behind a wall.
+        let straight = from + Vector3::new(0.0, 0.0, -0.04);
+        assert!(bones[0].closest(&straight).expect("a ball").distance < 0.0);
+        let mut wall = box_surface([0.6, 0.6, 0.01], 0.05);
+        wall.vertices.iter_mut().for_each(|v| v.z += 0.045);
+        let walled = [bones[0].clone(), bones[1].clone(), Surface::new(&wall)];
+        let none = Around {
+            bones: &walled,
+            ..around_of(&[])
+        };
+        assert!(none.course(from, Vector3::zeros(), 1, radius).is_none());
+    }
+
+    fn around_of(bones: &[Surface]) -> Around<'_> {
+        Around {
+            bones,
+            muscles: Vec::new(),
+            tendons: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_muscle_gets_the_tendon_that_it_lacks() {
+        let (bones, muscle) = knee();
+        let far = FarEnd {
+            mm: 100.0,
+            middle: Point3::new(0.015, 0.0, 0.06),
+            outward: -Vector3::z(),
+            length: 0.2,
+            nearest: Some(0),
+            lacks_tendon: false,
+        };
+        let with = around_of(&bones)
+            .lengthened(&muscle, &far, 1)
+            .expect("a tendon");
+        let health = Health::of(&with.mesh);
+        assert!(health.is_fit() && crossings(&health) == 0);
+        // It ends at the plate, in no bone.
+        let lowest = with.mesh.bounding_box().min.z;
+        assert!((-0.06..=-0.055).contains(&lowest), "{lowest}");
+        let points = with.mesh.vertices.iter();
+        let each = points.flat_map(|v| bones.iter().filter_map(move |b| b.closest(v)));
+        let least = each.map(|c| c.distance).fold(f64::INFINITY, f64::min);
+        assert!(least >= 0.4 * GAP, "{least}");
+        // What is held is the end alone, and the belly is the old one.
+        let held = with.end.iter().flat_map(|&t| with.mesh.corners(t as usize));
+        assert!(held.map(|p| p.z).all(|z| z <= -0.03));
+        let added = with.mesh.volume() / muscle.volume() - 1.0;
+        assert!((0.0..=0.2).contains(&added), "{added}");
+        // Control: the ball is too near to go round, and the way back up is no tendon.
+        let far = FarEnd {
+            outward: Vector3::z(),
+            ..far
+        };
+        assert!(around_of(&bones).lengthened(&muscle, &far, 1).is_none());
+    }
 }
