@@ -170,16 +170,6 @@ pub fn find(
     (found, loose.map(|e| around.loose(e)).collect())
 }
 
-/// The triangles of what is near to a bone that holds all of it, as one of several attachments.
-pub fn patch_near(muscle: &TriangleMesh, bone: &Surface, attachments: usize) -> Option<Vec<u32>> {
-    let around = Around::new(muscle, std::slice::from_ref(bone), None)?;
-    let key = |v: usize| match around.is_near(0, v) {
-        true => around.distances[0][v],
-        false => f64::INFINITY,
-    };
-    Some(around.patch(key, share(attachments)))
-}
-
 /// The share of a muscle that each of several attachments holds.
 pub fn share(attachments: usize) -> f64 {
     LIMIT.min(2.0 * LIMIT / attachments.max(1) as f64)
@@ -473,23 +463,6 @@ mod tests {
         assert_eq!(found[1].bone, 2);
         found[0].move_to(2, &bones[2]);
         assert_eq!(found[0].bone, 0);
-    }
-
-    #[test]
-    fn what_holds_all_that_is_near_holds_the_same_as_a_patch() {
-        let bone = block(0.0, 0.111);
-        let mesh = spindle();
-        let patch = patch_near(&mesh, &bone, 2).expect("a muscle");
-        let near = |v: u32| {
-            bone.closest(&mesh.vertices[v as usize])
-                .map(|c| 1e3 * c.distance)
-        };
-        let corners: Vec<f64> = patch
-            .iter()
-            .flat_map(|&t| mesh.triangles[t as usize])
-            .filter_map(near)
-            .collect();
-        assert!(!corners.is_empty() && max_or_nan(corners) <= NEAR_MM);
     }
 
     #[test]

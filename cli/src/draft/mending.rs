@@ -4,7 +4,7 @@ use pliant::format::counted;
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::{
     FindingKind, Health, LONGEST_RIM, RepairChange, RepairOptions, RepairStep, Topology,
-    TriangleMesh, repair,
+    TriangleMesh, refine, repair,
 };
 
 use super::mm;
@@ -161,6 +161,18 @@ impl Edges {
     pub(super) fn part(&self, part: usize) -> f64 {
         self.0[self.0.len() / part]
     }
+}
+
+/// The surface that a run simulates, of a mesh that is remeshed to such edges [m] after handles within loops
+/// of some length [m] are cut. `None` if it cannot be remeshed.
+pub(super) fn simulated(mesh: &TriangleMesh, edge: f64, cut: Option<f64>) -> Option<TriangleMesh> {
+    let options = RepairOptions {
+        cut_handles: cut.unwrap_or_default(),
+        ..RepairOptions::default()
+    };
+    let repaired = cut.map(|_| repair(mesh, &[], &options).mesh);
+    let refined = refine(repaired.as_ref().unwrap_or(mesh), edge);
+    refined.ok().map(|refined| refined.mesh)
 }
 
 /// What is cut of a mesh before it is remeshed to such edges [m], and how long loops around it may be [m]:

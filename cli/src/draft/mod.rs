@@ -8,6 +8,7 @@ pub mod mending;
 pub mod names;
 mod tendon;
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -21,6 +22,7 @@ use pliant::io::file_name;
 use pliant::mesh::TriangleMesh;
 use pliant::scene::EFFECTS;
 use pliant::simulation::Assets;
+use rayon::prelude::*;
 use tendon::Tendon;
 
 /// Resistance to bending: with less, muscles of the measured hip lose more than half of their thickness.
@@ -52,6 +54,12 @@ impl Body {
     fn remesh(&mut self, mesh: &TriangleMesh, remeshed: Option<(String, f64)>) {
         self.cut = remeshed.as_ref().and_then(|(_, edge)| cut(mesh, *edge));
         self.remeshed = remeshed;
+    }
+
+    /// The surface that a run simulates; `None` for one that is not remeshed.
+    fn simulated(&self, mesh: &TriangleMesh) -> Option<TriangleMesh> {
+        let (_, edge) = self.remeshed.as_ref()?;
+        mending::simulated(mesh, *edge, self.cut.as_ref().map(|(_, length)| *length))
     }
 }
 
@@ -94,21 +102,33 @@ fn nearest_axis(direction: &Unit<Vector3<f64>>) -> [i32; 3] {
 }
 
 impl Draft {
-    /// Finds attachments and missing tendons, and what to remesh, on the unchanged meshes.
+    /// Finds what to remesh, attachments and missing tendons, on meshes before any parting. Attachments come
+    /// from the surfaces that a run simulates: of a coarser one, a patch would hold some vertices of a tip and
+    /// leave others.
     pub fn examine(&mut self, assets: &Assets) {
         let bones: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
         let meshes: Vec<&TriangleMesh> = assets.muscles.iter().map(|muscle| &muscle.mesh).collect();
-        let each = self.muscles.iter().zip(&meshes);
+        let each = self.muscles.par_iter_mut().zip(&meshes);
+        let simulated: Vec<Cow<TriangleMesh>> = each
+            .map(|(muscle, mesh)| {
+                muscle.remesh(mesh, remeshed(mesh));
+                muscle
+                    .simulated(mesh)
+                    .map_or(Cow::Borrowed(*mesh), Cow::Owned)
+            })
+            .collect();
+        let each = self.muscles.iter().zip(&simulated);
         let mut held: Vec<Held> = each
             .map(|(muscle, mesh)| self.attach(muscle, mesh, &bones))
             .collect();
-        self.add_tendons(&mut held, &meshes, &bones);
-        self.draw_patches(&mut held, &meshes);
+        self.add_tendons(&mut held, (&meshes, &simulated), &bones);
+        self.draw_patches(&mut held, &simulated);
         // Contact is no more exact than the edges of the muscles.
         let mut shortest = f64::INFINITY;
         for ((muscle, mesh), held) in self.muscles.iter_mut().zip(&meshes).zip(&held) {
-            let mesh = held.tendon.as_ref().map_or(*mesh, |(_, with)| &with.mesh);
-            muscle.remesh(mesh, remeshed(mesh));
+            if let Some((_, with)) = &held.tendon {
+                muscle.remesh(&with.mesh, remeshed(&with.mesh));
+            }
             let after = muscle.remeshed.as_ref().map(|(_, edge)| *edge);
             let edge = after.or_else(|| Some(Edges::of(mesh)?.part(2)));
             shortest = shortest.min(edge.unwrap_or(f64::INFINITY));
@@ -150,11 +170,16 @@ impl Draft {
 
     /// Lengthens each muscle whose tendon crosses the joint, and that its mesh lacks. Where that cannot be
     /// done, and the motion carries the end into a bone that rests, such a bone holds it.
-    fn add_tendons(&self, held: &mut [Held], meshes: &[&TriangleMesh], bones: &[Surface]) {
+    fn add_tendons(
+        &self,
+        held: &mut [Held],
+        (meshes, simulated): (&[&TriangleMesh], &[Cow<TriangleMesh>]),
+        bones: &[Surface],
+    ) {
         let Some(joint) = &self.joint else { return };
         let is_far = |held: &Held| held.attachments.iter().any(|a| a.far.is_some());
         let surfaces: Vec<Surface> = match held.iter().any(is_far) {
-            true => meshes.iter().map(|mesh| Surface::new(mesh)).collect(),
+            true => simulated.iter().map(|mesh| Surface::new(mesh)).collect(),
             false => Vec::new(),
         };
         let turns = |bone: usize| joint.turns.contains(&bone);
@@ -181,31 +206,16 @@ impl Draft {
                     .then(|| around.lengthened(meshes[m], far, bone))
                     .flatten();
                 if let Some(tendon) = tendon {
-                    self.lengthen(&mut held[m], m, a, tendon, meshes[m], bones);
+                    self.lengthen(&mut held[m], m, a, tendon);
                 } else if turns(bone) {
-                    held_at_rest(&mut held[m].attachments[a], meshes[m], joint, bones);
+                    held_at_rest(&mut held[m].attachments[a], &simulated[m], joint, bones);
                 }
             }
         }
     }
 
-    /// Gives a muscle its tendon for one of its attachments. The others must not hold the tendon where it
-    /// passes their bones.
-    fn lengthen(
-        &self,
-        held: &mut Held,
-        muscle: usize,
-        attachment: usize,
-        tendon: Tendon,
-        mesh: &TriangleMesh,
-        bones: &[Surface],
-    ) {
-        let count = held.attachments.len();
-        for (a, other) in held.attachments.iter_mut().enumerate() {
-            if a != attachment && other.patch.is_none() {
-                other.patch = attachments::patch_near(mesh, &bones[other.bone], count);
-            }
-        }
+    /// Gives a muscle its tendon for one of its attachments.
+    fn lengthen(&self, held: &mut Held, muscle: usize, attachment: usize, tendon: Tendon) {
         let file = format!("{}-with-tendon.obj", file_name(&self.muscles[muscle].name));
         let path = self.parts.iter().map(|parts| parts.join(&file)).next();
         held.attachments[attachment].patch = None;
@@ -213,7 +223,7 @@ impl Draft {
     }
 
     /// The meshes of all patches.
-    fn draw_patches(&self, held: &mut [Held], meshes: &[&TriangleMesh]) {
+    fn draw_patches(&self, held: &mut [Held], meshes: &[Cow<TriangleMesh>]) {
         for ((held, mesh), muscle) in held.iter_mut().zip(meshes).zip(&self.muscles) {
             let Held {
                 attachments,
