@@ -59,7 +59,7 @@ pub fn rim_pose(stump: &TriangleMesh, rim: &[u32]) -> Option<(Point3<f64>, Unit<
 }
 
 /// A stump with a round tube of a `radius` [m] from its `rim` along a `path` [m], closed at its end, and the
-/// triangles of its last two radii. The rim becomes round within a few of its radii. The path begins at the
+/// triangles of its last radius and of its round end. The rim becomes round within a few of its radii. The path begins at the
 /// middle of the rim. `None` for a path without length, or one that turns back.
 pub fn lengthened(
     stump: &TriangleMesh,
@@ -114,7 +114,7 @@ pub fn lengthened(
             let local = offset * (1.0 - round) + circle(*u) * (round * radius);
             path.at(along) + frame[0] * local.x + frame[1] * local.y + frame[2] * local.z
         });
-        if tip.is_none() && path.length() - along <= 2.0 * radius {
+        if tip.is_none() && path.length() - along <= radius {
             tip = Some(built.mesh.triangles.len());
         }
         built.add(ring.collect(), &shares);
@@ -314,7 +314,7 @@ mod tests {
         let error = mesh.volume() / expected - 1.0;
         // Chords of 8 to 12 sides around a thin tube enclose less.
         assert!((-0.03..=0.005).contains(&error), "{error}");
-        // The tip is the last two radii and the round end.
+        // The tip is the last radius and the round end.
         let heights = tip
             .iter()
             .flat_map(|&t| mesh.corners(t as usize))
@@ -323,7 +323,7 @@ mod tests {
         let edge = part
             .median_edge_length(&Topology::new(&part))
             .expect("edges");
-        let from = 0.02 + length - 2.0 * radius;
+        let from = 0.02 + length - radius;
         assert!(lowest >= from - edge && lowest <= from + edge, "{lowest}");
         // Control: nothing of the ball is moved.
         assert_eq!(mesh.vertices[..part.vertices.len()], part.vertices[..]);

@@ -315,7 +315,7 @@ pub static EFFECTS: [EffectSpec; 9] = [
         help: "Velocities relative to the bones decay.",
         keys: DAMPING,
         material: None,
-        usual: Some("rate = \"100 1/s\"\n"),
+        usual: Some("rate = \"20 1/s\"\n"),
         schema: Schema::Keys(DAMPING),
         values: |effects| Some(vec![KeyValue::Number(effects.damping?)]),
         set: |effects, values| {

@@ -1,8 +1,9 @@
 //! Attached vertices of a muscle, with their bones.
 
 use super::Simulation;
-use crate::contact::Projection;
+use crate::contact::{Obstacle, Projection};
 use crate::mesh::TriangleMesh;
+use crate::mesh::measures::median;
 use crate::mesh::topology::{NONE, Topology};
 use crate::scene::Scene;
 
@@ -157,7 +158,62 @@ impl Simulation {
         let worst = of.max_by(|a, b| a.share().total_cmp(&b.share()))?;
         Some((worst.share(), worst.bones))
     }
+
+    /// The attachment of a body that is held across a joint: another bone, which moves against the one that holds
+    /// it, is nearer to it. Of several, the one farthest from its bone: the median distance of its vertices
+    /// relative to the body's length, the bone that holds it, and the nearer one. A bone carries what it holds
+    /// like a part of itself, and a tendon over the joint would not turn with it. `None` without one.
+    pub fn held_across(&self, body: usize) -> Option<(f64, [usize; 2])> {
+        let body = &self.bodies[body];
+        let away = |bone: usize, holds: usize| {
+            let back = self.pose(bone, 0.0).inverse();
+            let held = body.attached.iter().filter(|(_, of)| *of == holds);
+            let to = |v: u32| {
+                self.surface(bone)
+                    .closest(&(back * body.rest.vertices[v as usize]))
+            };
+            let distances = held.filter_map(|(v, _)| Some(to(*v)?.distance.max(0.0)));
+            median(distances.collect())
+        };
+        let mut most: Option<(f64, [usize; 2])> = None;
+        for bone in 0..self.bones.len() {
+            let Some(own) = away(bone, bone) else {
+                continue;
+            };
+            let share = own / body.length;
+            if most.is_some_and(|(most, _)| share <= most) {
+                continue;
+            }
+            let others =
+                (0..self.bones.len()).filter(|&b| b != bone && self.moves_against(b, bone));
+            let nearer = others.filter_map(|b| Some((b, away(b, bone)?)));
+            let nearest = nearer.min_by(|a, b| a.1.total_cmp(&b.1));
+            if let Some((other, _)) = nearest.filter(|(_, distance)| *distance < own) {
+                most = Some((share, [bone, other]));
+            }
+        }
+        most
+    }
+
+    /// Whether two bones move against each other.
+    fn moves_against(&self, one: usize, other: usize) -> bool {
+        let between = |frame: usize| {
+            let [one, other] = [one, other].map(|b| self.pose(b, frame as f64));
+            one.inverse() * other
+        };
+        let start = between(0);
+        let frames = self.scene.frames;
+        let mut looked_at = (0..frames).step_by(frames / LOOKED_AT + 1).chain([frames]);
+        looked_at.any(|frame| {
+            let turned = between(frame).rotation.angle_to(&start.rotation);
+            let moved = (between(frame).translation.vector - start.translation.vector).norm();
+            turned > STILL || moved > STILL * self.bones[one].length()
+        })
+    }
 }
+
+/// Bones that turn less than this against each other, in radians and relative to their length, do not.
+const STILL: f64 = 1e-6;
 
 #[cfg(test)]
 mod tests {

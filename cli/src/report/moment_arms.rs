@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::folder::{Folder, FolderError};
+use super::muscles::across_check;
 use super::output::{DataFile, OutputFile, Picture, Plot, RunOutput, Verdict};
 use super::{LinePlot, Series, Table};
 use pliant::fibres::length;
@@ -310,13 +311,14 @@ const OFF_STRAIGHT: f64 = 0.75;
 /// Whether each muscle was moved through all angles, and as its ends say.
 fn verdicts(running: &SweepRun, arms: &[Arms]) -> Vec<Verdict> {
     let mut all = Vec::new();
-    for (m, arms) in running.muscles.iter().zip(arms) {
+    for (body, (m, arms)) in running.muscles.iter().zip(arms).enumerate() {
         let at = match &m.stopped {
             None => m.name.clone(),
             Some((frame, why)) => format!("{}, frame {frame}: {why:?}", m.name),
         };
         let moved = "the muscle moves without being stopped";
         all.push(Verdict::new(moved, m.stopped.is_none()).at(at));
+        all.extend(across_check(&running.simulation, body, &m.name));
         let mut say = |verdict: Verdict| all.push(verdict.at(m.name.as_str()));
         let unconverged = Verdict::none("angles that did not converge", m.unconverged);
         say(unconverged.else_do("forces, volume or depth are above their tolerances there; turn by smaller steps (`--step`)"));
