@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::fit::long_axis;
+use super::joint::Joint;
 use super::part;
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
@@ -60,6 +61,15 @@ pub struct Attachment {
 }
 
 impl Attachment {
+    /// Whether the way from an end that is held from afar to its bone crosses a joint: a bone of the other side is
+    /// nearer.
+    pub fn crosses(&self, joint: &Joint) -> bool {
+        let turns = |bone: usize| joint.turns.contains(&bone);
+        let far = self.far.as_ref().filter(|far| far.mm > NEAR_MM);
+        let nearest = far.and_then(|far| far.nearest);
+        nearest.is_some_and(|nearest| turns(nearest) != turns(self.bone))
+    }
+
     /// Lets another bone hold an end from afar, if a tendon can reach it.
     pub fn move_to(&mut self, bone: usize, surface: &Surface) {
         let Some(far) = &mut self.far else { return };

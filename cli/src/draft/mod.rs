@@ -177,20 +177,17 @@ impl Draft {
         bones: &[Surface],
     ) {
         let Some(joint) = &self.joint else { return };
-        let is_far = |held: &Held| held.attachments.iter().any(|a| a.far.is_some());
-        let surfaces: Vec<Surface> = match held.iter().any(is_far) {
+        let all = || held.iter().flat_map(|held| &held.attachments);
+        let surfaces: Vec<Surface> = match all().any(|a| a.far.is_some()) {
             true => simulated.iter().map(|mesh| Surface::new(mesh)).collect(),
-            false => Vec::new(),
+            false => return,
         };
-        let turns = |bone: usize| joint.turns.contains(&bone);
         for m in 0..held.len() {
             for a in 0..held[m].attachments.len() {
                 let attachment = &held[m].attachments[a];
                 let (Some(far), bone) = (&attachment.far, attachment.bone) else {
                     continue;
                 };
-                let is_other_side = |nearest| turns(nearest) != turns(bone);
-                let crosses = far.mm > NEAR_MM && far.nearest.is_some_and(is_other_side);
                 let mut others: Vec<&Surface> = surfaces.iter().collect();
                 others.remove(m);
                 let around = tendon::Around {
@@ -201,13 +198,13 @@ impl Draft {
                         .filter_map(|held| Some(&held.tendon.as_ref()?.1.course))
                         .collect(),
                 };
-                let is_first = held[m].tendon.is_none();
-                let tendon = (crosses && is_first && self.parts.is_some())
+                let is_first = held[m].tendon.is_none() && self.parts.is_some();
+                let tendon = (is_first && attachment.crosses(joint))
                     .then(|| around.lengthened(meshes[m], far, bone))
                     .flatten();
                 if let Some(tendon) = tendon {
                     self.lengthen(&mut held[m], m, a, tendon);
-                } else if turns(bone) {
+                } else if joint.turns.contains(&bone) {
                     held_at_rest(&mut held[m].attachments[a], &simulated[m], joint, bones);
                 }
             }

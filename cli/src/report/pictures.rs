@@ -1,7 +1,7 @@
 //! Pictures of a run: bones translucent, muscles coloured by the stretch of their edges, fibres as pale
 //! lines inside them.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Unit, Vector3};
 use rayon::prelude::*;
 
 use super::frames::stretch;
@@ -401,12 +401,10 @@ fn view(cast: &SceneDescription, first: &FrameState, bounds: &Aabb) -> (View, bo
     let bones: Vec<Point3<f64>> = bones.filter(|p| bounds.contains(p)).collect();
     let outward = mean(&muscles).zip(mean(&bones)).map(|(m, b)| m - b);
     // What is long is not seen from its end.
-    let long = long_axis(&muscles).filter(|(middle, axis, length)| {
-        let aside = |p: &Point3<f64>| (p - middle).cross(axis).norm();
-        *length >= LONG * 2.0 * max_or_nan(muscles.iter().map(aside))
+    let outward = outward.map(|o| match long(&muscles) {
+        Some(axis) => o - axis.scale(o.dot(&axis)),
+        None => o,
     });
-    let across = |o: Vector3<f64>| long.map_or(o, |(_, axis, _)| o - axis.scale(o.dot(&axis)));
-    let outward = outward.map(across);
     // If bones are on all sides, as with two plates, any side is suitable.
     let clear = outward.filter(|o| o.norm() > 0.03 * bounds.extents().amax());
     let outward = clear.and_then(|o| o.try_normalize(0.0));
@@ -417,6 +415,13 @@ fn view(cast: &SceneDescription, first: &FrameState, bounds: &Aabb) -> (View, bo
         View::orthographic(from + up * RAISED, up),
         outward.is_some(),
     )
+}
+
+/// The axis of what is long.
+fn long(points: &[Point3<f64>]) -> Option<Unit<Vector3<f64>>> {
+    let (middle, axis, length) = long_axis(points)?;
+    let aside = points.iter().map(|p| (p - middle).cross(&axis).norm());
+    (length >= LONG * 2.0 * max_or_nan(aside)).then_some(axis)
 }
 
 /// A level direction, of length 1: that of z with y up.
@@ -440,6 +445,18 @@ mod tests {
             focus: vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)],
             range: (0.0, 1.0),
         }
+    }
+
+    #[test]
+    fn what_is_long_has_an_axis_and_what_is_wide_has_none() {
+        let points = |[x, y]: [f64; 2]| -> Vec<Point3<f64>> {
+            let grid = |k: i32| Point3::new(x * f64::from(k % 5), y * f64::from(k / 5), 0.0);
+            (0..25).map(grid).collect()
+        };
+        let axis = long(&points([0.01, 0.04])).expect("a long one");
+        assert!(axis.y.abs() >= 0.999, "{axis:?}");
+        assert_eq!(long(&points([0.03, 0.04])), None);
+        assert_eq!(long(&[]), None);
     }
 
     #[test]
