@@ -571,7 +571,7 @@ fn a_moment_arm_that_leaves_straight_lines_is_red() {
     let out = scratch.join("out");
     let how = [
         "--step",
-        "10deg",
+        "5deg",
         "--count",
         "20",
         "--json",
