@@ -59,14 +59,18 @@ pub fn rim_pose(stump: &TriangleMesh, rim: &[u32]) -> Option<(Point3<f64>, Unit<
 }
 
 /// A stump with a round tube of a `radius` [m] from its `rim` along a `path` [m], closed at its end, and the
-/// triangles of its last radius and of its round end. The rim becomes round within a few of its radii. The path begins at the
-/// middle of the rim. `None` for a path without length, or one that turns back.
+/// triangles of its last radius and of its round end. The rim becomes round within a few of its radii. The path
+/// begins at the middle of the rim. `None` for a path without length, or a radius that is not positive. Where a
+/// path bends sharply, the surface crosses itself.
 pub fn lengthened(
     stump: &TriangleMesh,
     rim: &[u32],
     path: &[Point3<f64>],
     radius: f64,
 ) -> Option<(TriangleMesh, Vec<u32>)> {
+    if !(radius > 0.0 && radius.is_finite()) {
+        return None;
+    }
     let (middle, out) = rim_pose(stump, rim)?;
     let edge = stump.median_edge_length(&Topology::new(stump))?;
     let path = Polyline::new(path)?;
@@ -107,7 +111,7 @@ pub fn lengthened(
         let round = part * part * (3.0 - 2.0 * part);
         // Wide rings that turn at once would cross.
         let width = mean + (radius - mean) * round;
-        let ahead = path.direction(along, width.clamp(edge, taper));
+        let ahead = path.direction(along, width.max(edge).min(taper));
         let direction = *out * (1.0 - round) + ahead * round;
         frame = carried(&frame[0], &direction)?;
         let ring = shares.iter().zip(&offsets).map(|(u, offset)| {
@@ -345,6 +349,13 @@ mod tests {
             (end.x - 0.105).abs() <= 1e-3 && (end.z - 0.125).abs() <= 2e-3,
             "{end}"
         );
+        // A tube that is shorter than an edge is one all the same.
+        let (coarse, far) = (icosphere(0.03, 1), middle + Vector3::z() * 0.002);
+        let height: Vec<f64> = coarse.vertices.iter().map(|v| 0.02 - v.z).collect();
+        let (part, rim) = stump(&coarse, &height).expect("one rim");
+        assert!(lengthened(&part, &rim, &[middle, far], 0.005).is_some());
+        assert!(lengthened(&part, &rim, &[middle, far], f64::NAN).is_none());
+        let (part, rim) = cut_ball();
         // Controls: a path that turns back crosses the body; no path; and a body that the plane does not cut.
         let back = [
             middle,

@@ -159,10 +159,10 @@ impl Simulation {
         Some((worst.share(), worst.bones))
     }
 
-    /// The attachment of a body that is held across a joint: another bone, which moves against the one that holds
-    /// it, is nearer to it. Of several, the one farthest from its bone: the median distance of its vertices
-    /// relative to the body's length, the bone that holds it, and the nearer one. A bone carries what it holds
-    /// like a part of itself, and a tendon over the joint would not turn with it. `None` without one.
+    /// The attachment of a body that is held across a joint: another bone is nearer, and it moves against the
+    /// bone that holds. A bone carries what it holds like a part of itself, and a tendon over the joint would
+    /// not turn with it. Of several, the one farthest from its bone: the median distance of its vertices
+    /// relative to the body's length, the bone that holds it, and the nearer one. `None` without one.
     pub fn held_across(&self, body: usize) -> Option<(f64, [usize; 2])> {
         let body = &self.bodies[body];
         let away = |bone: usize, holds: usize| {

@@ -508,7 +508,9 @@ fn in_words(draft: &Draft, path: &Path) -> String {
                     match (&a.far, tendon) {
                         (Some(_), Some((_, tendon))) => {
                             let mm = 1e3 * tendon.course.length();
-                            format!("{name} by a tendon of {mm:.0} mm, which the file lacks and the draft adds")
+                            format!(
+                                "{name} by a tendon of {mm:.0} mm, which the file lacks and the draft adds"
+                            )
                         }
                         (Some(far), _) if far.lacks_tendon => {
                             let mm = far.mm;

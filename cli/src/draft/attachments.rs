@@ -61,8 +61,7 @@ pub struct Attachment {
 }
 
 impl Attachment {
-    /// Whether the way from an end that is held from afar to its bone crosses a joint: a bone of the other side is
-    /// nearer.
+    /// Whether a tendon from this end to its bone crosses a joint: a bone of the other side is nearer.
     pub fn crosses(&self, joint: &Joint) -> bool {
         let turns = |bone: usize| joint.turns.contains(&bone);
         let far = self.far.as_ref().filter(|far| far.mm > NEAR_MM);

@@ -103,7 +103,7 @@ fn nearest_axis(direction: &Unit<Vector3<f64>>) -> [i32; 3] {
 
 impl Draft {
     /// Finds what to remesh, attachments and missing tendons, on meshes before any parting. Attachments come
-    /// from the surfaces that a run simulates: of a coarser one, a patch would hold some vertices of a tip and
+    /// from the surfaces that a run simulates. A patch of a coarser one would hold some vertices of a tip and
     /// leave others.
     pub fn examine(&mut self, assets: &Assets) {
         let bones: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();

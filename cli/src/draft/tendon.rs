@@ -39,8 +39,8 @@ const POINTS: f64 = 40.0;
 /// square of that until it is even.
 const PASSES: usize = 60;
 
-/// How much nearer to a bone than wanted a course may lie: its chords cut the bends of a bone. It is looked at in
-/// this many places between two points.
+/// Least distance of a course from bones, relative to the wanted one: its chords cut the bends of a bone. It is
+/// looked at in this many places between two points.
 const NEARER: f64 = 0.7;
 const LOOKED_BETWEEN: u32 = 4;
 

@@ -381,11 +381,11 @@ const FREED: f64 = 0.5;
 /// Greatest distance of a fibre outside its muscle, relative to the muscle's length: a surface that is
 /// remeshed and leaves its bones moves by less than 2 % of it.
 const OUTSIDE: f64 = 0.05;
-/// Greatest distance of an end from a bone that holds it while one that moves against it is nearer, relative to
-/// the muscle's length: from where on `pliant fibres` takes a tendon for missing.
+/// Greatest distance of an end from a bone that holds it across a joint, relative to the muscle's length: from
+/// here on `pliant fibres` takes a tendon for missing.
 const ACROSS: f64 = 0.02;
-const ADD_THE_TENDON: &str = "add the tendon to the mesh, as `pliant init` does: this end turns with the bone \
-                              about an axis that it lies beyond";
+const ADD_THE_TENDON: &str = "add the tendon to the mesh, as `pliant init` does: this end turns with \
+                              the bone about an axis that it lies beyond";
 const TURN_RIGHT: &str = "look at the axis and the centre of the joint; if they are right, hold a place \
                           away from the other bone (a patch or `vertices`)";
 const HOLD_FEWER: &str = "if two bones hold vertices near each other, hold fewer (`limit`, `near`, \
