@@ -28,8 +28,17 @@ pub struct Effects {
     pub fascia: Option<f64>,
     /// Acceleration [m/s^2].
     pub gravity: Option<Vector3<f64>>,
-    /// Rate at which velocities relative to the bones decay [1/s].
-    pub damping: Option<f64>,
+    /// Velocities relative to the bones decay.
+    pub damping: Option<Damping>,
+}
+
+/// Velocities relative to the bones decay and even out (Rayleigh's damping).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Damping {
+    /// Rate at which they decay [1/s].
+    pub rate: f64,
+    /// Time of dampers beside the springs of the edges: damping over stiffness \[s\].
+    pub retardation: f64,
 }
 
 /// The enclosed volume is kept at `pressure` times its start.
@@ -312,15 +321,18 @@ pub static EFFECTS: [EffectSpec; 9] = [
     },
     EffectSpec {
         key: "damping",
-        help: "Velocities relative to the bones decay.",
+        help: "Velocities relative to the bones decay and even out.",
         keys: DAMPING,
         material: None,
         usual: Some("rate = \"20 1/s\"\n"),
         schema: Schema::Keys(DAMPING),
-        values: |effects| Some(vec![KeyValue::Number(effects.damping?)]),
+        values: |effects| {
+            let Damping { rate, retardation } = effects.damping?;
+            Some(vec![KeyValue::Number(rate), KeyValue::Number(retardation)])
+        },
         set: |effects, values| {
-            if let &[KeyValue::Number(rate)] = values {
-                effects.damping = Some(rate);
+            if let &[KeyValue::Number(rate), KeyValue::Number(retardation)] = values {
+                effects.damping = Some(Damping { rate, retardation });
             }
         },
     },
@@ -413,16 +425,29 @@ const GRAVITY: &[KeySpec] = &[KeySpec::new(
 .shown_in("m/s2", 1.0)
 .over(Slider::Even(0.0, 20.0))];
 
-const DAMPING: &[KeySpec] = &[KeySpec::new(
-    "rate",
-    KeyKind::Quantity(Dimension::Rate, Limit::NotNegative),
-    "Rate at which velocities relative to the bones decay.",
-)
-.shown_in("1/s", 1.0)
-.over(Slider::UpTo {
-    span: 4.0,
-    least: 20.0,
-})];
+const DAMPING: &[KeySpec] = &[
+    KeySpec::new(
+        "rate",
+        KeyKind::Quantity(Dimension::Rate, Limit::NotNegative),
+        "Rate at which velocities relative to the bones decay.",
+    )
+    .shown_in("1/s", 1.0)
+    .over(Slider::UpTo {
+        span: 4.0,
+        least: 20.0,
+    }),
+    KeySpec::new(
+        "retardation",
+        KeyKind::Quantity(Dimension::Time, Limit::NotNegative),
+        "Time in which neighbours give up their motion against each other; none under classic PBD.",
+    )
+    .or(0.0)
+    .shown_in("s", 1.0)
+    .over(Slider::UpTo {
+        span: 4.0,
+        least: 0.02,
+    }),
+];
 
 const fn stiffness(key: &'static str, dimension: Dimension, help: &'static str) -> KeySpec {
     KeySpec::new(key, KeyKind::Quantity(dimension, Limit::NotNegative), help)

@@ -33,6 +33,7 @@ use crate::particles::Particles;
 use crate::scene::{ContactEffect, Mass, Muscle, Scene};
 use crate::simulation::attachments::Attached;
 use crate::solvers::sparse::FactorError;
+use crate::solvers::viscosity::Viscosity;
 use crate::solvers::{Broken, StepSettings, System, stiffness};
 use crate::state::{DecodeError, Reader, State, Writer};
 
@@ -74,6 +75,8 @@ pub struct Body {
     pub(super) ties: Ties,
     /// How bones carry it along.
     pub(super) carriage: Carriage,
+    /// Dampers between neighbours.
+    pub(super) viscosity: Option<Viscosity>,
     /// Measures of the removal of overlap.
     pub untangled: Untangled,
     /// Target volume [m^3]; 0 without a volume constraint.
@@ -138,6 +141,9 @@ impl Body {
             system.contacts = Some(found);
         }
         let carriage = Carriage::new(scene, plan, &rest, &attached, placed);
+        let dampers = (edges.as_slice(), edge_stiffness.as_slice());
+        let viscosity = viscosity(scene, &system.particles, dampers)
+            .map_err(|error| unsolvable(scene, m, error))?;
         let lengths = edges.iter().map(|e| e.rest).collect();
         Ok(Self {
             name: muscle.name.clone(),
@@ -152,6 +158,7 @@ impl Body {
             contraction,
             ties,
             carriage,
+            viscosity,
             untangled,
             target_volume,
             rest_volume,
@@ -252,6 +259,7 @@ impl Body {
             // Found anew at the start of each frame.
             ties: _,
             carriage: _,
+            viscosity: _,
             untangled: _,
             target_volume: _,
             rest_volume: _,
@@ -451,6 +459,20 @@ fn contacts(
     )
 }
 
+/// The dampers of a muscle, if the scene has some. Classic PBD has no stiffness for them.
+fn viscosity(
+    scene: &Scene,
+    particles: &Particles,
+    (edges, stiffness): (&[Distance], &[f64]),
+) -> Result<Option<Viscosity>, FactorError> {
+    let (solver, time) = (&scene.solver, scene.effects.damping.map_or(0.0, |d| d.retardation));
+    let has_any = time > 0.0 && solver.has_inertia() && !solver.has_classic_stiffness();
+    if !has_any || edges.is_empty() {
+        return Ok(None);
+    }
+    Viscosity::new(particles.position.len(), edges, stiffness, time).map(Some)
+}
+
 /// The error for a muscle without a computable equilibrium.
 fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
     let part = format!("muscle `{}`", scene.muscles[m].name);
@@ -466,7 +488,7 @@ pub(super) fn settings(scene: &Scene, length: f64, substeps: u32) -> StepSetting
     let own = scene.solver.velocity_damping();
     let per_frame = own.unwrap_or(1.0);
     let dt = time_step(scene, substeps);
-    let damping = scene.effects.damping.unwrap_or(0.0);
+    let damping = scene.effects.damping.map_or(0.0, |d| d.rate);
     let velocity_factor =
         libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
     StepSettings {

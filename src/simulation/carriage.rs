@@ -34,8 +34,9 @@ impl Carriage {
         attached: &[Attached],
         placed: &[PosedObstacle],
     ) -> Self {
-        let (solver, rate) = (&scene.solver, scene.effects.damping.unwrap_or(0.0));
-        let is_damped = rate > 0.0 && solver.has_inertia() && !solver.has_classic_stiffness();
+        let is_damped = scene.effects.damping.is_some_and(|d| d.rate > 0.0 || d.retardation > 0.0);
+        let solver = &scene.solver;
+        let is_damped = is_damped && solver.has_inertia() && !solver.has_classic_stiffness();
         if !is_damped || rest.mesh.triangles.is_empty() {
             return Self::default();
         }

@@ -6,6 +6,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::thread;
 use std::time::Duration;
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::body::{Body, Stepper};
@@ -14,6 +15,7 @@ use super::{Simulation, Stepped, body, carrier, measures, together};
 use crate::contact::{Contacts, PosedObstacle};
 use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::progress::Progress;
+use crate::solvers::System;
 use crate::state::{Reader, State, Writer};
 
 /// Greatest depth of a vertex below a bone's surface at the end of a frame without another contact
@@ -22,6 +24,9 @@ pub(super) const SETTLED: f64 = 2e-4;
 
 /// A progress is asked after this time whether to stop.
 const ASKED_EVERY: Duration = Duration::from_millis(20);
+
+/// Number of times in a frame that velocities even out.
+const VISCOUS_STEPS: usize = 8;
 
 impl Simulation {
     /// Computes the next frame.
@@ -369,6 +374,7 @@ impl Body {
         }
         self.carriage
             .carry(x, &of.steps[step], &mut self.system.carried);
+        self.even_out(of, step);
         let planes = self.ties.planes(&of.steps[step]);
         if !planes.is_empty() {
             self.each_part(|part| part.place(&planes), |part| part.place(&planes));
@@ -376,6 +382,25 @@ impl Body {
         let done = (step + 1) as f64 / of.steps.len() as f64;
         self.shorten((of.frame - 1) as f64 + done, done);
         self.press(of, step);
+    }
+
+    /// Evens out velocities at equal distances in a frame: its implicit step is stable for any length,
+    /// and costs more than a sweep.
+    fn even_out(&mut self, of: &FrameSteps<'_>, step: usize) {
+        let Some(viscosity) = &mut self.viscosity else {
+            return;
+        };
+        let (count, steps) = (VISCOUS_STEPS.min(of.steps.len()), of.steps.len());
+        // True for `count` of the steps, the first among them.
+        if step * count % steps >= count {
+            return;
+        }
+        let System {
+            particles, carried, ..
+        } = &mut self.system;
+        let dt = of.dt;
+        let by = |v: usize| carried.get(v).map_or_else(Vector3::zeros, |by| by / dt);
+        viscosity.even_out(particles, by, dt * steps as f64 / count as f64);
     }
 
     /// In the first frame a volume that sweeps keep goes to its target in equal parts, one a step: in

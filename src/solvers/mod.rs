@@ -30,6 +30,8 @@ mod step;
 pub(crate) mod tension;
 pub(crate) mod tracking;
 #[cfg(feature = "sparse")]
+pub(crate) mod viscosity;
+#[cfg(feature = "sparse")]
 pub(crate) mod unknowns;
 
 #[cfg(feature = "sparse")]
