@@ -28,17 +28,17 @@ pub struct Effects {
     pub fascia: Option<f64>,
     /// Acceleration [m/s^2].
     pub gravity: Option<Vector3<f64>>,
-    /// Velocities relative to the bones decay.
-    pub damping: Option<Damping>,
+    /// Rate at which velocities relative to the bones decay [1/s].
+    pub damping: Option<f64>,
+    /// Retardation time of the dampers beside the springs of the edges \[s\]; only with a `damping`.
+    pub retardation: f64,
 }
 
-/// Velocities relative to the bones decay and even out (Rayleigh's damping).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Damping {
-    /// Rate at which they decay [1/s].
-    pub rate: f64,
-    /// Time of dampers beside the springs of the edges: damping over stiffness \[s\].
-    pub retardation: f64,
+impl Effects {
+    /// True if velocities change by damping.
+    pub(crate) fn damps(&self) -> bool {
+        self.damping.unwrap_or(0.0) > 0.0 || self.retardation > 0.0
+    }
 }
 
 /// The enclosed volume is kept at `pressure` times its start.
@@ -324,15 +324,15 @@ pub static EFFECTS: [EffectSpec; 9] = [
         help: "Velocities relative to the bones decay and even out.",
         keys: DAMPING,
         material: None,
-        usual: Some("rate = \"20 1/s\"\n"),
+        usual: Some("rate = \"5 1/s\"\nretardation = \"20 ms\"\n"),
         schema: Schema::Keys(DAMPING),
         values: |effects| {
-            let Damping { rate, retardation } = effects.damping?;
-            Some(vec![KeyValue::Number(rate), KeyValue::Number(retardation)])
+            let both = [effects.damping?, effects.retardation];
+            Some(both.map(KeyValue::Number).to_vec())
         },
         set: |effects, values| {
             if let &[KeyValue::Number(rate), KeyValue::Number(retardation)] = values {
-                effects.damping = Some(Damping { rate, retardation });
+                (effects.damping, effects.retardation) = (Some(rate), retardation);
             }
         },
     },
@@ -439,10 +439,10 @@ const DAMPING: &[KeySpec] = &[
     KeySpec::new(
         "retardation",
         KeyKind::Quantity(Dimension::Time, Limit::NotNegative),
-        "Time in which neighbours give up their motion against each other; none under classic PBD.",
+        "Retardation time of dampers beside the springs of edges; none under classic PBD.",
     )
     .or(0.0)
-    .shown_in("s", 1.0)
+    .shown_in("ms", 1e3)
     .over(Slider::UpTo {
         span: 4.0,
         least: 0.02,

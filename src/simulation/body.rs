@@ -465,7 +465,7 @@ fn viscosity(
     particles: &Particles,
     (edges, stiffness): (&[Distance], &[f64]),
 ) -> Result<Option<Viscosity>, FactorError> {
-    let (solver, time) = (&scene.solver, scene.effects.damping.map_or(0.0, |d| d.retardation));
+    let (solver, time) = (&scene.solver, scene.effects.retardation);
     let has_any = time > 0.0 && solver.has_inertia() && !solver.has_classic_stiffness();
     if !has_any || edges.is_empty() {
         return Ok(None);
@@ -488,7 +488,7 @@ pub(super) fn settings(scene: &Scene, length: f64, substeps: u32) -> StepSetting
     let own = scene.solver.velocity_damping();
     let per_frame = own.unwrap_or(1.0);
     let dt = time_step(scene, substeps);
-    let damping = scene.effects.damping.map_or(0.0, |d| d.rate);
+    let damping = scene.effects.damping.unwrap_or(0.0);
     let velocity_factor =
         libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
     StepSettings {

@@ -258,8 +258,8 @@ fn plan_gravity(planner: &mut Planner<'_>) {
 }
 
 fn plan_damping(planner: &mut Planner<'_>) {
-    if planner.scene.effects.damping.is_some_and(|d| !(d.rate > 0.0 || d.retardation > 0.0)) {
-        planner.leave("damping", "its rate is zero");
+    if !planner.scene.effects.damps() {
+        planner.leave("damping", "its rate and retardation are zero");
     } else if !planner.scene.solver.has_inertia() {
         planner.leave("damping", "an equilibrium has no velocities");
     } else {

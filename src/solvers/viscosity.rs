@@ -100,3 +100,118 @@ impl Viscosity {
         self.factor.factorise()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+    use crate::mesh::shapes::tube;
+    use crate::mesh::topology::Topology;
+    use crate::solvers::stiffness;
+    use crate::testing::tolerances::T2;
+
+    /// A tube of 0.1 kg whose vertices have velocities of their own, and its dampers.
+    fn body(time: f64) -> (Particles, Viscosity) {
+        let mesh = tube(0.01, 0.1, 12);
+        let count = mesh.vertices.len();
+        let (edges, k) = stiffness::edges(&mesh, &Topology::new(&mesh), 300.0);
+        let mut particles = Particles::at_rest(mesh.vertices, vec![count as f64 / 0.1; count]);
+        for (i, v) in particles.velocity.iter_mut().enumerate() {
+            let i = i as f64;
+            *v = Vector3::new((0.7 * i).sin(), (1.3 * i).cos(), 0.2);
+        }
+        let viscosity = Viscosity::new(count, &edges, &k, time).expect("memory");
+        (particles, viscosity)
+    }
+
+    fn momentum(particles: &Particles) -> Vector3<f64> {
+        let each = particles.velocity.iter().zip(&particles.inverse_mass);
+        each.map(|(v, w)| v / *w).sum()
+    }
+
+    fn energy(particles: &Particles) -> f64 {
+        let each = particles.velocity.iter().zip(&particles.inverse_mass);
+        each.map(|(v, w)| 0.5 * v.norm_squared() / w).sum()
+    }
+
+    #[test]
+    fn dampers_keep_momentum_and_only_take_energy() {
+        for h in [1e-5, 1e-3, 1.0, 1e4] {
+            let (mut particles, mut viscosity) = body(0.02);
+            let (p, e) = (momentum(&particles), energy(&particles));
+            viscosity.even_out(&mut particles, |_| Vector3::zeros(), h);
+            let lost = (momentum(&particles) - p).norm();
+            // Dampers of a long time are 1e9 times as stiff as the masses: so is the rounding.
+            assert!(lost <= 1e6 * T2 * p.norm(), "{h} {lost}");
+            assert!(energy(&particles) < e, "{h}");
+        }
+        // Control: a damper to something at rest takes momentum.
+        let (mut particles, mut viscosity) = body(0.02);
+        let p = momentum(&particles);
+        particles.inverse_mass[0] = 0.0;
+        viscosity.even_out(&mut particles, |_| Vector3::zeros(), 1e-3);
+        particles.inverse_mass[0] = particles.inverse_mass[1];
+        assert!((momentum(&particles) - p).norm() > 1e-3 * p.norm());
+    }
+
+    #[test]
+    fn what_goes_along_with_its_bones_is_not_damped() {
+        let (mut particles, mut viscosity) = body(0.02);
+        let along = particles.velocity.clone();
+        viscosity.even_out(&mut particles, |i| along[i], 1e-3);
+        let pairs = particles.velocity.iter().zip(&along);
+        assert!(pairs.clone().all(|(v, a)| (v - a).norm() <= T2));
+        // Control: relative to space they even out.
+        viscosity.even_out(&mut particles, |_| Vector3::zeros(), 1e-3);
+        assert!(
+            particles
+                .velocity
+                .iter()
+                .zip(&along)
+                .any(|(v, a)| (v - a).norm() > 0.1)
+        );
+    }
+
+    /// Amplitude of two masses on a spring after `t` [s], relative to that at the start.
+    fn amplitude(time: f64, t: f64) -> f64 {
+        let (k, m, dt) = (400.0, 2.0, 1e-4);
+        let rest = 1.0;
+        let position = vec![Point3::origin(), Point3::new(rest + 0.1, 0.0, 0.0)];
+        let mut particles = Particles::at_rest(position, vec![1.0 / m; 2]);
+        let spring = Distance {
+            points: [0, 1],
+            rest,
+        };
+        let mut viscosity = Viscosity::new(2, &[spring], &[k], time).expect("memory");
+        let mut most = 0.0;
+        for step in 0..(t / dt) as usize {
+            let stretch = particles.position[1].x - particles.position[0].x - rest;
+            let dv = Vector3::x() * (stretch * k / m * dt);
+            particles.velocity[0] += dv;
+            particles.velocity[1] -= dv;
+            viscosity.even_out(&mut particles, |_| Vector3::zeros(), dt);
+            for (x, v) in particles.position.iter_mut().zip(&particles.velocity) {
+                *x += v * dt;
+            }
+            // The last period: 2 pi / 20 1/s.
+            if (step as f64 * dt) > t - 0.32 && stretch.abs() > most {
+                most = stretch.abs();
+            }
+        }
+        most / 0.1
+    }
+
+    #[test]
+    fn a_wave_decays_at_half_its_squared_frequency_times_the_time() {
+        // Squared frequency of both masses against each other: 2 k / m = 400 1/s^2. The last period
+        // begins after two whole ones, at the crest.
+        let (time, t, periods) = (0.005, 0.94, 0.2 * std::f64::consts::PI);
+        let found = amplitude(time, t) / amplitude(time, 0.32);
+        let expected = libm::exp(-0.5 * time * 400.0 * periods);
+        assert!((found / expected - 1.0).abs() <= 0.02, "{found} {expected}");
+        // Control: without dampers it remains.
+        let control = amplitude(0.0, t) / amplitude(0.0, 0.32);
+        assert!((control - 1.0).abs() <= 0.02, "{control}");
+    }
+}

@@ -23,7 +23,7 @@ fn names(all: &[Control]) -> Vec<String> {
 fn a_panel_has_what_its_scene_has_and_nothing_else() {
     let hip = session("hip", &HIP, Pace::paused());
     let expected = "stretch/stretch bending/bending bending/limit volume/volume volume/pressure anisotropy/anisotropy \
-        anisotropy/strength anisotropy/power contact/contact contact/thickness contact/friction damping/damping damping/rate \
+        anisotropy/strength anisotropy/power contact/contact contact/thickness contact/friction damping/damping damping/rate damping/retardation \
         muscle gluteus/stretch,muscle gluteus/bending,muscle gluteus/density solver/target accuracy solver/solver solver/substeps \
         solver/iterations solver/tolerance,solver/order of a sweep,bone femur/by its motion,bone femur/angle";
     let shown = names(&of(&hip, "hip", &HIP)).join(",");
