@@ -44,8 +44,9 @@ impl Viscosity {
     }
 
     /// Evens out the velocities of `particles` over `h` [s], by an implicit step, which is stable for any
-    /// `h`. `carried` are the velocities [m/s] with which bones carry them, those of `None` zero.
-    /// Particles without an inverse mass go with the bones.
+    /// `h`. `carried` are the velocities [m/s] with which bones carry them. Particles without an inverse
+    /// mass keep theirs, and neighbours even out with the bones at their places. Without a factor, as of
+    /// masses that are not finite, nothing changes: the step itself then reports what is wrong.
     pub fn even_out(
         &mut self,
         particles: &mut Particles,
