@@ -82,6 +82,9 @@ pub trait Project: State + Send + Sync {
     fn shorten(&mut self, _shortening: f64) {}
     /// Moves the planes over bones: a point [m] and the unit normal of each.
     fn place(&mut self, _planes: &[(Point3<f64>, Vector3<f64>)]) {}
+    /// Sets the directions along which edges are kept, each as long as the root of its share in the
+    /// stiffness. Without any, none of these constraints acts.
+    fn turn(&mut self, _along: &[Vector3<f64>]) {}
 }
 
 /// The greatest classic stiffness that is divided among steps.
@@ -136,6 +139,8 @@ pub struct Batch<C, const K: usize> {
     classic: Vec<f64>,
     multipliers: Vec<f64>,
     schedule: SweepSchedule,
+    /// Whether the constraints act in the present step.
+    acts: bool,
     /// Positions of each constraint's particles in their block.
     places: Vec<[u32; K]>,
     spans: Vec<Span>,
@@ -202,6 +207,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             relaxation: vec![1.0; constraints.len()],
             classic: Vec::new(),
             multipliers: vec![0.0; constraints.len()],
+            acts: true,
             places: places(&schedule, &points),
             spans: spans(&schedule, &points),
             width: SimdWidth::best(),
@@ -426,6 +432,8 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
             relaxation: _,
             classic: _,
             multipliers,
+            // Set at the beginning of a step.
+            acts: _,
             schedule: _,
             places: _,
             spans: _,
@@ -465,7 +473,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
     fn project(&mut self, particles: &mut Particles, dt: f64) {
         self.calls += 1;
         // A step of length zero moves nothing.
-        if dt == 0.0 {
+        if dt == 0.0 || !self.acts {
             return;
         }
         let mut packed = std::mem::take(&mut self.packed);
@@ -477,12 +485,15 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn project_packed(&mut self, packed: &mut Packed, dt: f64) {
         self.calls += 1;
-        if dt != 0.0 {
+        if dt != 0.0 && self.acts {
             self.sweep_packed(packed, dt);
         }
     }
 
     fn residual(&self, particles: &Particles, dt: f64) -> Residual {
+        if !self.acts {
+            return Residual::default();
+        }
         let (mut sum, mut max) = (0.0, 0.0_f64);
         for distance in (0..self.constraints.len()).filter_map(|j| self.distance(j, particles, dt))
         {
@@ -502,7 +513,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn residual_at(&self, particles: &Particles, dt: f64, particle: u32) -> Option<f64> {
         let acting = (0..self.constraints.len())
-            .filter(|j| self.constraints[*j].points().contains(&particle));
+            .filter(|j| self.acts && self.constraints[*j].points().contains(&particle));
         let mut distances = acting
             .filter_map(|j| self.distance(j, particles, dt))
             .peekable();
@@ -528,5 +539,14 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn shorten(&mut self, shortening: f64) {
         shorten(&mut self.constraints, shortening);
+    }
+
+    fn turn(&mut self, along: &[Vector3<f64>]) {
+        if let Some(turn) = C::kernel().turn {
+            self.acts = !along.is_empty();
+            let each = self.constraints.iter_mut().zip(&self.schedule.sequence);
+            each.filter_map(|(c, &i)| Some((c, along.get(i as usize)?)))
+                .for_each(|(c, along)| turn(c, along));
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Evaluation of one kind of constraint in sweeps and energies: one by one or in lanes, with or
 //! without a branch.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::Constraint;
 use super::lanes::{Lane, Several, SimdWidth};
@@ -107,6 +107,7 @@ pub struct Kernel<C, const K: usize> {
     pub(crate) hessian: Hessian<C, K>,
     pub(crate) branch: Option<Branch<C>>,
     pub(crate) shorten: Option<fn(&mut C, f64)>,
+    pub(crate) turn: Option<fn(&mut C, &Vector3<f64>)>,
     unit: bool,
 }
 
@@ -119,6 +120,7 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
             hessian: quadratic::hessian,
             branch: None,
             shorten: None,
+            turn: None,
             unit: false,
         }
     }
@@ -174,6 +176,13 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
     pub fn with_shortening(self, shorten: fn(&mut C, f64)) -> Self {
         let shorten = Some(shorten);
         Self { shorten, ..self }
+    }
+
+    /// Changes the direction along which it keeps an edge.
+    #[must_use]
+    pub fn with_turning(self, turn: fn(&mut C, &Vector3<f64>)) -> Self {
+        let turn = Some(turn);
+        Self { turn, ..self }
     }
 
     /// Whether gradients are assumed to have length one; see [`LaneConstraint::UNIT`].

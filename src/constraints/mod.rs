@@ -28,6 +28,7 @@ mod spec;
 pub(crate) mod anchor;
 pub(crate) mod bending;
 pub(crate) mod bond;
+pub(crate) mod direction;
 pub(crate) mod distance;
 pub(crate) mod fibre_distance;
 pub(crate) mod plane_contact;
@@ -42,6 +43,7 @@ pub(crate) use batch::Residual;
 pub use batch::{Batch, Project, stiffness_of_part};
 pub use bending::Bending;
 pub use bond::Bond;
+pub(crate) use direction::Direction;
 pub use distance::Distance;
 pub use enclosed_volume::EnclosedVolume;
 pub(crate) use fibre_distance::FibreDistance;
@@ -130,6 +132,7 @@ macro_rules! constraints {
 constraints! {
     distance::Distance<2>,
     fibre_distance::FibreDistance<2>,
+    direction::Direction<2>,
     bending::Bending<4>,
     tetrahedron_volume::TetrahedronVolume<4>,
     anchor::Anchor<1>,

@@ -36,6 +36,9 @@ pub trait Potential: Send + Sync {
     fn shorten(&mut self, _shortening: f64) {}
     /// Moves the planes over bones: a point [m] and the unit normal of each.
     fn place(&mut self, _planes: &[(Point3<f64>, Vector3<f64>)]) {}
+    /// Sets the directions along which edges are kept, each as long as the root of its share in the
+    /// stiffness. Without any, none of these constraints acts.
+    fn turn(&mut self, _along: &[Vector3<f64>]) {}
     /// State beside the positions; `None` for a part that depends on positions alone.
     fn memory(&self) -> Option<&dyn Memory> {
         None

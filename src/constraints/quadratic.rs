@@ -177,6 +177,14 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
         shorten(&mut self.constraints, shortening);
     }
 
+    fn turn(&mut self, along: &[Vector3<f64>]) {
+        if let Some(turn) = C::kernel().turn {
+            for (i, c) in self.constraints.iter_mut().enumerate() {
+                turn(c, along.get(i).unwrap_or(&Vector3::zeros()));
+            }
+        }
+    }
+
     fn memory(&self) -> Option<&dyn Memory> {
         C::kernel().branch.map(|_| self as &dyn Memory)
     }

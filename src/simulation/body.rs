@@ -123,10 +123,11 @@ impl Body {
         let (edges, edge_stiffness) =
             edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
         let of_fibres = (&*rest, attached.as_slice(), placed);
-        let (fibres, contraction) = contracting(scene, assets, m, plan, of_fibres, &edges)?;
+        let (fibres, contraction) =
+            contracting(scene, assets, m, plan, of_fibres, (&edges, &edge_stiffness))?;
         system.held = hold(&attached, mesh, placed);
         system.forces = forces(scene, m, mesh.vertices.len())?;
-        let both = (edges.as_slice(), contraction.edges());
+        let both = (edges.as_slice(), &contraction);
         let ties = Ties::new(scene, plan, &rest, &system.particles, placed);
         let with = (&*fibres, &ties);
         let mut builder = Builder::new(scene, m, plan, &rest, both, &edge_stiffness, with);
@@ -297,15 +298,14 @@ impl Body {
         }
     }
 
-    /// Sets the shortening of the fibres, if they shorten.
-    pub(super) fn shorten(&mut self, time: f64, done: f64) {
-        let Some(shortening) = self.contraction.at(time, done) else {
+    /// Sets the shortening of the fibres among obstacles at `placed`, if they shorten.
+    pub(super) fn shorten(&mut self, time: f64, done: f64, placed: &[PosedObstacle]) {
+        let Some(by) = self.contraction.at(time, done) else {
             return;
         };
-        self.each_part(
-            |part| part.shorten(shortening),
-            |part| part.shorten(shortening),
-        );
+        self.each_part(|part| part.shorten(by), |part| part.shorten(by));
+        let along = self.contraction.turned(placed);
+        self.each_part(|part| part.turn(&along), |part| part.turn(&along));
     }
 
     /// Changes each of its constraints, and each part of its energy.
@@ -336,7 +336,7 @@ impl Body {
             equilibrium.restore(from)?;
         }
         self.contraction.restore(from)?;
-        self.shorten(frame as f64, 1.0);
+        self.shorten(frame as f64, 1.0, placed);
         self.in_pairs = from.take()?;
         self.stopped = from.take()?;
         if from.take()? {
@@ -512,7 +512,7 @@ fn contracting(
     m: usize,
     plan: &MusclePlan,
     (rest, attached, placed): (&Rest, &[Attached], &[PosedObstacle]),
-    edges: &[Distance],
+    (edges, stiffness): (&[Distance], &[f64]),
 ) -> Result<(Arc<Fibres>, Contraction), LoadError> {
     let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
     let unfit = |key: &str, fault| {
@@ -524,7 +524,7 @@ fn contracting(
     let fibres = fibres::of_muscle(muscle, asset, rest, ends.as_ref(), &points)
         .map_err(|fault| unfit(&format!("muscle.{m}.fibres"), fault))?;
     let at = (ends.as_ref(), placed);
-    let contraction = Contraction::new(scene, muscle, plan, rest, edges, &fibres, at)
+    let contraction = Contraction::new(scene, muscle, plan, rest, (edges, stiffness), &fibres, at)
         .map_err(|fault| unfit("effects.tone", fault))?;
     Ok((fibres, contraction))
 }

@@ -3,16 +3,17 @@
 //! A surface keeps its length, so a muscle that shortens would buckle. A living muscle does not: its
 //! fibres keep some tension. Activation shortens the rest lengths along the fibres as the scene says.
 //! Tone shortens slack fibres until they are stretched by the strain at which the stress of the scene
-//! acts. The muscle was measured under its tone, so tone acts only in other poses of its bones.
+//! acts. The muscle was measured under its tone, so tone moves nothing in that pose of its bones: there
+//! it only keeps fibres in their directions.
 
-use nalgebra::Point3;
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::effects::share_along_fibres;
 use super::fault::Fault;
 use super::fibres::Ends;
 use super::ready::{Fibres, Rest};
 use crate::constraints::distance::Distance;
-use crate::constraints::{Constraint, FibreDistance};
+use crate::constraints::{Constraint, Direction, FibreDistance};
 use crate::contact::PosedObstacle;
 use crate::scene::{Muscle, Scene, smooth_step};
 use crate::simulation::plan::MusclePlan;
@@ -45,6 +46,17 @@ pub(super) struct Contraction {
     /// Shortening by activation, by frame.
     keys: Vec<(f64, f64)>,
     tone: Option<Tone>,
+    /// The edges along fibres as they were measured; empty without tone.
+    measured: Vec<Measured>,
+}
+
+/// The direction of an edge when the muscle was measured.
+#[derive(Clone, Copy, Debug)]
+struct Measured {
+    /// Place among the edges.
+    edge: usize,
+    /// Its parts, each in the frame of the bone at one end of the muscle.
+    parts: [Vector3<f64>; 2],
 }
 
 /// The tone of a muscle.
@@ -72,7 +84,7 @@ impl Contraction {
         muscle: &Muscle,
         plan: &MusclePlan,
         rest: &Rest,
-        edges: &[Distance],
+        (edges, stiffness): (&[Distance], &[f64]),
         fibres: &Fibres,
         (ends, placed): (Option<&Ends>, &[PosedObstacle]),
     ) -> Result<Self, Fault> {
@@ -92,11 +104,55 @@ impl Contraction {
             FibreDistance::new(*edge, cosine.map_or(0.0, |cosine| cosine.powi(SQUARE)))
         };
         let keys = muscle.activation.iter().filter(|_| is_active);
+        let edges: Vec<FibreDistance> = edges.iter().zip(&*cosines).map(along).collect();
+        let measured = match (&tone, ends) {
+            (Some(_), Some(ends)) => {
+                measured((&edges, stiffness), &rest.mesh.vertices, ends, placed)
+            }
+            _ => Vec::new(),
+        };
         Ok(Self {
-            edges: edges.iter().zip(&*cosines).map(along).collect(),
+            edges,
             keys: keys.copied().collect(),
             tone,
+            measured,
         })
+    }
+
+    /// What keeps edges in their directions near the pose of the measurement, at `x` [m]: the place of each
+    /// among the edges, and the share of its stiffness that is the tension of the tone over the length.
+    pub(super) fn directions(
+        &self,
+        x: &[Point3<f64>],
+    ) -> impl Iterator<Item = (usize, Direction, f64)> {
+        let strain = self.tone.as_ref().map_or(0.0, |tone| tone.strain);
+        let share = strain / (1.0 + strain);
+        self.measured.iter().map(move |measured| {
+            let edge = &self.edges[measured.edge];
+            let points = edge.points();
+            let [p, q] = points.map(|p| x[p as usize]);
+            let along = (p - q).normalize();
+            let direction = Direction { points, along };
+            (measured.edge, direction, edge.along() * share)
+        })
+    }
+
+    /// The directions in which edges are kept in a step among the obstacles `placed`; empty where none
+    /// is: without tone, and far from the pose of the measurement.
+    pub(super) fn turned(&self, placed: &[PosedObstacle]) -> Vec<Vector3<f64>> {
+        let Some(tone) = &self.tone else {
+            return Vec::new();
+        };
+        let left = 1.0 - tone.share(placed);
+        if !(left > 0.0) {
+            return Vec::new();
+        }
+        let [first, last] = tone.bones.map(|bone| {
+            let turn: Matrix3<f64> = placed[bone].now.rotation.to_rotation_matrix().into();
+            turn * left.sqrt()
+        });
+        let turn = |measured: &Measured| first * measured.parts[0] + last * measured.parts[1];
+        self.measured.iter().map(turn).collect()
     }
 
     /// The edges, with their shares of the shortening; empty without activation and tone.
@@ -157,13 +213,17 @@ impl Tone {
         })
     }
 
-    /// Begins a frame with the strain of the fibres that the last one left.
-    fn follow(&mut self, strain: f64, placed: &[PosedObstacle]) {
+    /// How far the bones at both ends are from the pose of the measurement: 1 where tone is whole.
+    fn share(&self, placed: &[PosedObstacle]) -> f64 {
         let [first, last] = self.bones.map(|bone| placed[bone].now);
         let moved = first.inverse_transform_point(&(last * self.end[1])) - self.end[0];
         let share = moved.norm() / (WHOLE_FROM * self.strain * self.length);
-        let share = if share < 1.0 { smooth_step(share) } else { 1.0 };
-        let end = share * (1.0 - (1.0 + strain) / (1.0 + self.strain));
+        if share < 1.0 { smooth_step(share) } else { 1.0 }
+    }
+
+    /// Begins a frame with the strain of the fibres that the last one left.
+    fn follow(&mut self, strain: f64, placed: &[PosedObstacle]) {
+        let end = self.share(placed) * (1.0 - (1.0 + strain) / (1.0 + self.strain));
         // Without a number, the shortening stays.
         let end = if end.is_nan() {
             self.shortening[1]
@@ -172,6 +232,32 @@ impl Tone {
         };
         self.shortening = [self.shortening[1], end];
     }
+}
+
+/// The directions at rest, at `x` [m], of the edges that have a stiffness [N/m] and a share of the tone.
+/// Each bone has a part, by the distance of the edge from both ends.
+fn measured(
+    (edges, stiffness): (&[FibreDistance], &[f64]),
+    x: &[Point3<f64>],
+    ends: &Ends,
+    placed: &[PosedObstacle],
+) -> Vec<Measured> {
+    let axis = ends.centres[1] - ends.centres[0];
+    let back = ends.bones.map(|bone| placed[bone].now.rotation.inverse());
+    let of = |(edge, fibre): (usize, &FibreDistance)| {
+        let [p, q] = fibre.points().map(|p| x[p as usize]);
+        let has_tone = fibre.along() * stiffness[edge] > 0.0;
+        let along = (p - q).try_normalize(0.0).filter(|_| has_tone)?;
+        let share = (nalgebra::center(&p, &q) - ends.centres[0]).dot(&axis) / axis.norm_squared();
+        let share = if share.is_nan() {
+            0.5
+        } else {
+            share.clamp(0.0, 1.0)
+        };
+        let parts = [back[0] * along * (1.0 - share), back[1] * along * share];
+        Some(Measured { edge, parts })
+    };
+    edges.iter().enumerate().filter_map(of).collect()
 }
 
 /// The strain of the fibres of a muscle at which a stress [Pa] acts along them.
@@ -239,6 +325,7 @@ impl State for Contraction {
             edges: _,
             keys: _,
             tone,
+            measured: _,
         } = self;
         to.put(&tone.as_ref().map(|tone| tone.shortening[1]));
     }
@@ -377,6 +464,68 @@ mod tests {
             }
         }
         -low.iter().map(|&v| gradient[v as usize].x).sum::<f64>()
+    }
+
+    /// Energy [J] of the part that keeps directions, for the body at `x` [m] among bones at `placed`.
+    fn of_directions(sim: &mut Simulation, x: &[Point3<f64>], placed: &[PosedObstacle]) -> f64 {
+        let body = &mut sim.bodies[0];
+        let along = body.contraction.turned(placed);
+        let equilibrium = body.equilibrium_mut().expect("an equilibrium");
+        let parts = equilibrium.energy_mut().elastic.iter_mut();
+        let mut part = parts.filter(|part| part.name() == Direction::NAME);
+        let part = part.next().expect("directions");
+        part.turn(&along);
+        part.energy(x)
+    }
+
+    /// A cord under the tension T that bends aside by A sin(pi x / L) has the energy T (pi A)^2 / 4 L.
+    #[test]
+    fn a_muscle_where_it_was_measured_resists_a_bend_as_a_cord_under_its_tone() {
+        let mut sim = held(1.0, 300.0).expect("a muscle");
+        let (placed, rest) = (sim.placed.clone(), sim.bodies[0].rest.vertices.clone());
+        let (radius, length, most) = (0.01, 0.1, 1e-3);
+        let aside = |x: &Point3<f64>| {
+            let phase = std::f64::consts::PI * (x.x / length + 0.5);
+            x + Vector3::y() * (most * phase.sin())
+        };
+        let bent: Vec<Point3<f64>> = rest.iter().map(aside).collect();
+        let pi = std::f64::consts::PI;
+        let tension = 1000.0 * pi * radius * radius;
+        let cord = tension * (pi * most).powi(2) / (4.0 * length);
+        let found = of_directions(&mut sim, &bent, &placed);
+        assert!((found / cord - 1.0).abs() <= 0.25, "{found} {cord}");
+        // Control: at rest there is none, to rounding.
+        let at_rest = of_directions(&mut sim, &rest, &placed);
+        assert!(at_rest <= 1e-20 * cord, "{at_rest}");
+    }
+
+    #[test]
+    fn directions_turn_with_the_bones_and_end_far_from_the_pose_of_the_measurement() {
+        let mut sim = held(1.0, 300.0).expect("a muscle");
+        let rest = sim.bodies[0].rest.vertices.clone();
+        let turn = nalgebra::Isometry3::rotation(Vector3::new(0.3, -1.1, 0.4));
+        let with = |sim: &Simulation, poses: [nalgebra::Isometry3<f64>; 2]| {
+            let each = sim.placed.iter().zip(poses);
+            let moved =
+                |(placed, pose): (&PosedObstacle, nalgebra::Isometry3<f64>)| PosedObstacle {
+                    now: pose * placed.now,
+                    ..placed.clone()
+                };
+            each.map(moved).collect::<Vec<PosedObstacle>>()
+        };
+        let together = with(&sim, [turn; 2]);
+        let turned: Vec<Point3<f64>> = rest.iter().map(|x| turn * x).collect();
+        let found = of_directions(&mut sim, &turned, &together);
+        // Control: those that stay behind.
+        let control = of_directions(&mut sim, &rest, &together);
+        assert!(
+            found <= 1e-20 * control && control > 0.0,
+            "{found} {control}"
+        );
+        let apart = nalgebra::Isometry3::translation(0.02, 0.0, 0.0);
+        let far = with(&sim, [nalgebra::Isometry3::identity(), apart]);
+        assert!(sim.bodies[0].contraction.turned(&far).is_empty());
+        assert_eq!(of_directions(&mut sim, &turned, &far), 0.0);
     }
 
     /// The surface that becomes shorter and wider resists as well, at any tone alike.

@@ -33,6 +33,9 @@ pub(super) enum Scope {
     Scene,
 }
 
+/// Memory of an edge that is kept in its direction [bytes].
+const DIRECTION: usize = 128;
+
 /// Every effect, in the order of planning and building.
 pub(super) static MODELS: [EffectModel; 9] = [
     EffectModel {
@@ -73,10 +76,11 @@ pub(super) static MODELS: [EffectModel; 9] = [
     EffectModel {
         key: "tone",
         scope: Scope::Muscle,
-        // It changes the rest lengths of edges: no own memory, no own time.
+        // It changes the rest lengths of edges in no time. What keeps directions near the pose of the start
+        // takes 25 ns an edge, which estimates leave out: they are for motions that leave this pose.
         nanoseconds: 0.0,
         plan: plan_tone,
-        build: None,
+        build: Some(build_tone),
     },
     EffectModel {
         key: "contact",
@@ -159,7 +163,7 @@ fn plan_tone(planner: &mut Planner<'_>) {
         "classic PBD has no stiffness in N/m against which a stress acts"
     } else {
         let edges = planner.edges;
-        return planner.run("tone", edges, 0);
+        return planner.run("tone", edges, edges * DIRECTION);
     };
     planner.leave("tone", why);
 }
@@ -268,11 +272,19 @@ fn plan_damping(planner: &mut Planner<'_>) {
 }
 
 fn build_stretch(builder: &mut Builder<'_>) {
-    if builder.contracting.is_empty() {
-        build_edges(builder, builder.edges);
-    } else {
-        build_edges(builder, builder.contracting);
+    match builder.contraction.edges() {
+        [] => build_edges(builder, builder.edges),
+        contracting => build_edges(builder, contracting),
     }
+}
+
+fn build_tone(builder: &mut Builder<'_>) {
+    let factors = stretch_factors(builder);
+    let stiffness_of = |edge: usize| builder.edge_stiffness[edge] * factors[edge];
+    let all = builder.contraction.directions(&builder.rest.mesh.vertices);
+    let all = all.map(|(edge, direction, share)| (direction, share * stiffness_of(edge)));
+    let (directions, stiffness) = all.unzip();
+    builder.add(directions, stiffness);
 }
 
 fn build_edges<C: Constraint<2> + 'static>(builder: &mut Builder<'_>, all: &[C]) {

@@ -380,7 +380,7 @@ impl Body {
             self.each_part(|part| part.place(&planes), |part| part.place(&planes));
         }
         let done = (step + 1) as f64 / of.steps.len() as f64;
-        self.shorten((of.frame - 1) as f64 + done, done);
+        self.shorten((of.frame - 1) as f64 + done, done, &of.steps[step]);
         self.press(of, step);
     }
 

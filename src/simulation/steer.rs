@@ -28,7 +28,7 @@ impl Simulation {
         for (body, there) in self.bodies.iter_mut().zip(&other.bodies) {
             if body.system.particles.len() == there.system.particles.len() {
                 body.continue_from(there, &self.placed, contact, same);
-                body.shorten(self.frame as f64, 1.0);
+                body.shorten(self.frame as f64, 1.0, &self.placed);
             }
         }
     }

@@ -11,6 +11,7 @@ pub mod accuracy {
 /// Internals of `constraints`.
 pub mod constraints {
     pub use crate::constraints::blocks::Block;
+    pub use crate::constraints::direction::Direction;
     pub use crate::constraints::fibre_distance::FibreDistance;
     pub use crate::constraints::kernel::{Kernel, LaneConstraint, Periodic};
     pub use crate::constraints::lanes::{Lane, Several, SimdWidth};

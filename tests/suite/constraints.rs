@@ -10,7 +10,7 @@ use pliant::constraints::{
 use pliant::constraints::{ForEachKind, Parameter, Spec};
 use pliant::mesh::shapes::icosphere;
 use pliant::solvers::System;
-use pliant::testing::internals::constraints::FibreDistance;
+use pliant::testing::internals::constraints::{Direction, FibreDistance};
 use pliant::testing::{Draw, Dual};
 
 use crate::bodies::{batch, bits, chain, edges, elastic, finite, settings};
@@ -122,6 +122,8 @@ fn p10_permuted_points_give_the_same_constraint() {
         permuted((distance, distance), &x, [1, 0], 1.0).unwrap();
         let fibre = FibreDistance::new(distance, 0.6).shortened(0.2);
         permuted((fibre, fibre), &x, [1, 0], 1.0).unwrap();
+        let along = Direction::from_parameters([0, 1], &draw.parameters(Direction::PARAMETERS));
+        permuted((along, along), &x, [1, 0], 1.0).unwrap();
         let volume = TetrahedronVolume {
             points: [0, 1, 2, 3],
             rest: 0.0,
@@ -173,6 +175,7 @@ fn p10_permuted_points_give_the_same_constraint() {
     let known = [
         "distance",
         "fibre distance",
+        "direction",
         "bending",
         "tetrahedron volume",
         "anchor",

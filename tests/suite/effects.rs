@@ -316,12 +316,13 @@ proptest! {
             (plain.volume, "volume", "volume"),
             (plain.contact, "contact with plate", "contact"),
             (plain.fascia, "fascia", "fascia"),
+            (plain.tone, "tone", "direction"),
         ];
         for (asked, in_plan, in_clock) in parts {
             prop_assert_eq!(found.planned.contains_key(in_plan), asked == On, "{} in {:?}", in_plan, found.planned);
             prop_assert_eq!(found.calls.contains_key(in_clock), asked == On, "{} in {:?}", in_clock, found.calls);
         }
-        for (asked, name) in [(plain.anisotropy, "anisotropy"), (plain.tone, "tone"), (plain.gravity, "gravity"), (plain.damping, "damping")] {
+        for (asked, name) in [(plain.anisotropy, "anisotropy"), (plain.gravity, "gravity"), (plain.damping, "damping")] {
             prop_assert_eq!(found.planned.contains_key(name), asked == On, "{} in {:?}", name, found.planned);
             prop_assert_eq!(found.planned.get(name).copied().unwrap_or(0), 0, "{} needs no memory", name);
         }

@@ -67,7 +67,7 @@ pub(super) struct Arguments {
     /// The scene file to write [default: NAME.toml, named after the joint]
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Overwrite an existing scene file
+    /// Overwrite an existing scene file, and remove its patches
     #[arg(long)]
     force: bool,
     /// Write the scene, and run no frame
@@ -141,6 +141,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     }
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    can_be_written(&path, &folder)?;
     draft.parts = path.with_extension("meshes").file_name().map(PathBuf::from);
     examine(&mut draft, &[])?;
     let loose = draft.loose();
@@ -161,11 +162,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     }
     let toml = heading(&path) + &draft.toml();
+    let before = std::fs::read_to_string(&path).unwrap_or_default();
     for (file, mesh) in draft.files() {
         write_mesh(&folder.join(file), mesh)?;
     }
     parse(&toml, &folder, &[])?;
     write(&path, &toml)?;
+    remove_replaced(&before, &path, &draft, &files);
     tell(arguments, &in_words(&draft, &path));
     if arguments.no_trial {
         return Ok(super::DONE);
@@ -177,9 +180,55 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 fn heading(path: &Path) -> String {
     let name = path.display();
     format!(
-        "# A draft by `pliant init`. Lines with a reason beside them are guesses: change what is wrong.\n\
+        "{DRAFT} Lines with a reason beside them are guesses: change what is wrong.\n\
          # Then `pliant plan {name}` and `pliant run {name}`. Number of steps and solver follow from the scene.\n"
     )
+}
+
+/// Refuses a scene file before the meshes are examined, which takes a while. Its name goes into comments
+/// of the scene, which end with a line.
+fn can_be_written(path: &Path, folder: &Path) -> Result<(), Failure> {
+    let refused = |text: String| Err(Failure::usage(text, SCENE));
+    let name = path.to_string_lossy();
+    if name.contains(char::is_control) {
+        let text = format!("{name:?} has a line break or another control character");
+        return refused(text);
+    }
+    if path.is_dir() {
+        return refused(format!("{name} is a folder"));
+    }
+    if !folder.as_os_str().is_empty() && !folder.is_dir() {
+        return refused(format!("{} is no folder", folder.display()));
+    }
+    Ok(())
+}
+
+/// The first line of a draft.
+const DRAFT: &str = "# A draft by `pliant init`.";
+
+/// Removes the meshes of the draft with the text `before` at `path` that the new `draft` does not write
+/// again. They are files of the names that drafts give, which the old one names and this call does not
+/// read.
+fn remove_replaced(before: &str, path: &Path, draft: &Draft, read: &[PathBuf]) {
+    let Some(parts) = draft.parts.as_ref().filter(|_| before.starts_with(DRAFT)) else {
+        return;
+    };
+    let read: Vec<PathBuf> = read.iter().filter_map(|f| f.canonicalize().ok()).collect();
+    let entries = std::fs::read_dir(path.with_file_name(parts)).into_iter();
+    for entry in entries.flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let is_of_draft = name.ends_with("-with-tendon.obj") || name.contains("-on-");
+        let value = format!("= \"{}/{name}\"\n", parts.display());
+        let is_written = draft.files().any(|(file, _)| *file == parts.join(&name));
+        let is_read = entry
+            .path()
+            .canonicalize()
+            .is_ok_and(|file| read.contains(&file));
+        if is_of_draft && before.contains(&value) && !is_written && !is_read {
+            // A mesh that stays is in nobody's way.
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
 }
 
 fn write_mesh(file: &Path, mesh: &TriangleMesh) -> Result<(), Failure> {

@@ -11,6 +11,7 @@ use super::run::stop_on_interrupt;
 use super::{FAILED, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::register::Registration;
+use pliant::format::number;
 use pliant::morph::register::{
     FitMotion, Icp, NonRigid, Ransac, RegisterError, RegistrationSettings, RegistrationSurface,
     Select, register_surfaces,
@@ -19,13 +20,17 @@ use pliant::morph::register::{
 /// Greatest number of vertices of each surface in the search for a start; more do not improve it.
 const MOST: usize = 20_000;
 
+/// Two surfaces of which one is more than this many times as long as the other have different units:
+/// a scar of 4 cm on a body of 1.8 m is 45 times as short.
+const MOST_LONGER: f64 = 50.0;
+
 /// Register one surface to another: rigid, with scaling, or bent
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   pliant register scan.obj bone.obj
   pliant register part.ply whole.ply --with similarity --overlap 0.4 --seed 7
-  pliant register left.obj right.obj --unit mm --non-rigid --clusters 150 --json
+  pliant register before.obj after.obj --unit mm --non-rigid --clusters 150 --json
 
 A is moved onto B. A start is found by RANSAC over pairs of vertices with normals, beside A as it is placed and by its principal
 axes; then closest points are iterated: all vertices, the nearest place of the surface, equal weights, pairs that are far, that face
@@ -85,6 +90,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         RegistrationSurface::new(&a.mesh).map_err(wrong(0))?,
         RegistrationSurface::new(&b.mesh).map_err(wrong(1))?,
     ];
+    let sizes = surfaces.each_ref().map(RegistrationSurface::size);
+    of_one_unit(sizes, paths)?;
     let read_s = begun.elapsed().as_secs_f64();
     let settings = settings(arguments);
     let registration = match register_surfaces(
@@ -96,7 +103,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         Err(RegisterError::Stopped) => return Ok(nothing_written()),
         Err(error) => {
             warn(&format!(
-                "error: {error}; lower --overlap, or take --with similarity where sizes differ"
+                "error: {error} (A is {} long, B {}); lower --overlap{}",
+                number(sizes[0]),
+                number(sizes[1]),
+                match settings.motion {
+                    FitMotion::Rigid => ", or take --with similarity where sizes differ",
+                    FitMotion::Similarity => "; scales from a fifth to five are searched",
+                }
             ));
             return Ok(FAILED);
         }
@@ -141,6 +154,22 @@ fn settings(arguments: &Arguments) -> RegistrationSettings {
             ..NonRigid::default()
         }),
     }
+}
+
+/// Refuses surfaces whose sizes [m or the unit of the files] differ as those of two units.
+fn of_one_unit(sizes: [f64; 2], paths: [&Path; 2]) -> Result<(), Failure> {
+    let [a, b] = sizes;
+    if a <= MOST_LONGER * b && b <= MOST_LONGER * a {
+        return Ok(());
+    }
+    let [of_a, of_b] = paths.map(Path::display);
+    let text = format!(
+        "{of_a} is {} long and {of_b} {}: their units differ",
+        number(a),
+        number(b)
+    );
+    let hint = "write one in the unit of the other with `pliant convert IN OUT --unit UNIT --to-unit UNIT`";
+    Err(Failure::usage(text, hint))
 }
 
 fn refused(error: &RegisterError, path: &Path) -> Failure {

@@ -43,8 +43,8 @@ const BELOW: f64 = 1e-6;
 const SHARP: f64 = 50.0;
 
 /// Advice for a motion that is not smooth.
-const SMOOTHER: &str = "use smooth keys, a higher `effects.damping.rate` or `[effects.tone]`; \
-                        `[limits]` changes the limit";
+const SMOOTHER: &str = "use smooth keys, a higher `effects.damping.retardation` or `rate`, or \
+                        `[effects.tone]`; `[limits]` changes the limit";
 /// Advice for a muscle that leaves its bone.
 const TAUTER: &str = "use `[effects.tone]` or `[muscle.activation]`, or hold more of it (`limit`); \
                       `[limits]` changes the limit";

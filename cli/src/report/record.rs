@@ -35,6 +35,7 @@ pub struct Record {
 pub(super) fn effect_name(constraint: &str) -> &str {
     match constraint {
         "distance" | "fibre distance" => "stretch",
+        "direction" => "tone",
         other => other,
     }
 }

@@ -23,6 +23,8 @@ use pliant_render::{
 
 /// Width and height of a picture \[px\].
 const SIZE: (u32, u32) = (520, 480);
+/// A whole body that fits has at least this share of its vertices on the other.
+const FITS: f64 = 0.9;
 const MOVING: Rgb = [0.25, 0.45, 0.75];
 
 /// A registration with its results.
@@ -232,6 +234,20 @@ impl Registration<'_> {
         }
     }
 
+    /// What a reader is to judge: an overlap is what the user says, so little of it is no failed check.
+    fn findings(&self) -> Vec<String> {
+        let off = 1.0 - self.registration.share();
+        let found = format!(
+            "{:.0} % of the vertices of A do not lie on B: it has nothing there, or A is another subject, the other side of the body, or \
+             another bone; after.png shows where",
+            100.0 * off
+        );
+        (!(off <= 1.0 - FITS))
+            .then_some(found)
+            .into_iter()
+            .collect()
+    }
+
     /// The result.
     ///
     /// # Errors
@@ -252,6 +268,7 @@ impl Registration<'_> {
             measures: measures(&summary),
             text: summary.to_text(),
             tables: self.tables(&summary),
+            findings: self.findings(),
             verdicts: summary.verdicts,
             time_s: self.time_s,
             title: format!("{}: registration", self.name),

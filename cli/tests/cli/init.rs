@@ -113,6 +113,28 @@ fn three_meshes_become_a_scene_that_runs() {
     assert_eq!(code, Some(0), "{errors}");
     let rests = fs::read_to_string(scratch.join("meshes.toml")).expect("a scene");
     assert!(!rests.contains("[bone.motion]") && !rests.contains("[effects.tone]"));
+    // A patch of the draft that is replaced goes with it; control: another file beside it stays.
+    let parts = scratch.join("hip.meshes");
+    fs::create_dir_all(&parts).expect("a folder");
+    let of_draft = "old-1-on-Femur.obj";
+    let own = ["own-1-on-Femur.obj", "own.obj"];
+    for name in [of_draft, own[0], own[1]] {
+        fs::write(parts.join(name), "").expect("written");
+    }
+    let named = [of_draft, own[1]].map(|name| format!("# patch = \"hip.meshes/{name}\"\n"));
+    fs::write(scratch.join("hip.toml"), scene + &named.concat()).expect("written");
+    let again = ["scans", "--force", "--no-trial", "--joint", "hip"];
+    let (code, _, errors) = init(&scratch, &again);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(!parts.join(of_draft).exists());
+    assert!(own.iter().all(|name| parts.join(name).exists()));
+    // Another scene than a draft owns no files.
+    fs::write(parts.join(of_draft), "").expect("written");
+    let by_hand = "# By hand.\n".to_owned() + &named.concat();
+    fs::write(scratch.join("hip.toml"), by_hand).expect("written");
+    let (code, _, errors) = init(&scratch, &again);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(parts.join(of_draft).exists());
 }
 
 #[test]
@@ -215,7 +237,15 @@ fn what_is_not_certain_is_refused_with_the_option_that_decides() {
     far.vertices.iter_mut().for_each(|v| v.x += 500.0);
     write(&scratch.join("far psoas.obj"), &far);
     fs::write(scratch.join("femur.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\n").expect("written");
-    let cases: [(&[&str], &[&str]); 15] = [
+    let cases: [(&[&str], &[&str]); 17] = [
+        (
+            &["scans", "--joint", "hip", "--scene", "a\nb.toml"],
+            &["line break", "--scene"],
+        ),
+        (
+            &["scans", "--joint", "hip", "--scene", "nowhere/hip.toml"],
+            &["nowhere is no folder", "--scene"],
+        ),
         (&[], &["MESH"]),
         (&["empty"], &["no mesh in this folder"]),
         (&["nowhere.obj"], &["no file `nowhere.obj`"]),

@@ -88,6 +88,7 @@ fn a_known_similarity_is_found_and_reported_as_a_matrix() {
         serde_json::from_slice::<Value>(&done.stdout).unwrap(),
         summary
     );
+    assert_eq!(summary["findings"], serde_json::json!([]));
     let summary = measures(&summary);
     let matrix = Matrix4::from_fn(|i, k| number(&summary["matrix"][i][k]));
     let place = |p: &Point3<f64>| Point3::from_homogeneous(matrix * p.to_homogeneous()).unwrap();
@@ -177,7 +178,16 @@ fn bending_comes_nearer_than_any_motion() {
     let rms = |arguments: &[&str]| {
         let done = run(arguments);
         assert!(done.status.code() < Some(2), "{}", text(&done.stderr));
-        let summary = measures(&json(&out.join("summary.json")));
+        let summary = json(&out.join("summary.json"));
+        // What lies off the other surface is named, in the words of a reader.
+        let found = summary["findings"][0].as_str().unwrap_or_default();
+        let share = number(&measures(&summary)["inlier_share"]);
+        assert_eq!(
+            found.contains("do not lie on B"),
+            share < 0.9,
+            "{share} {found}"
+        );
+        let summary = measures(&summary);
         (
             number(&summary["distance"]["rms"]) / number(&summary["size"]),
             summary,
@@ -212,7 +222,14 @@ fn what_cannot_be_registered_is_refused() {
     .unwrap();
     let lines = scratch.join("lines.obj");
     fs::write(&lines, "v 0 0 0\nv 1 0 0\nl 1 2\n").unwrap();
-    let cases: [(&[&str], &[&str]); 8] = [
+    // As a bone in metres beside a scan in millimetres.
+    let scan = moved(&body(Vector3::zeros()), &Similarity3::from_scaling(1000.0));
+    let scan = put(&scratch, "scan.obj", &scan);
+    let cases: [(&[&str], &[&str]); 9] = [
+        (
+            &[shown(&good), shown(&scan), "--with", "similarity"],
+            &["scan.obj", "their units differ", "pliant convert"],
+        ),
         (
             &[shown(&few), shown(&good)],
             &["few.obj: 3 vertices and 1 triangles; at least 4 and 1 are needed"],

@@ -289,6 +289,12 @@ const OTHERS: &[Case] = &[
         check: "the system is at rest",
     },
     Case {
+        what: "a lattice without damping, which swings on",
+        arguments: &["springs", "--lattice", "4x4x5"],
+        wrong: &["--damping", "0"],
+        check: "the system is at rest",
+    },
+    Case {
         what: "one piece of a mesh inside out, its volume the smaller one",
         arguments: &["check", "{}/apart.obj", "--unit", "m"],
         wrong: &["{}/apart-inside-out.obj"],

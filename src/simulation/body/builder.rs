@@ -1,9 +1,10 @@
 //! The parts that effects add to a muscle.
 
 use crate::constraints::distance::Distance;
-use crate::constraints::{Batch, Constraint, EnclosedVolume, FibreDistance, Project};
+use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
 use crate::constraints::{Potential, Quadratic};
 use crate::scene::{Muscle, Scene};
+use crate::simulation::contraction::Contraction;
 use crate::simulation::effects::MODELS;
 use crate::simulation::fascia::Ties;
 use crate::simulation::plan::MusclePlan;
@@ -17,8 +18,8 @@ pub(in crate::simulation) struct Builder<'a> {
     pub plan: &'a MusclePlan,
     pub rest: &'a Rest,
     pub edges: &'a [Distance],
-    /// The same edges if fibres shorten; otherwise none.
-    pub contracting: &'a [FibreDistance],
+    /// How its fibres shorten.
+    pub contraction: &'a Contraction,
     /// Stiffness of the edges [N/m].
     pub edge_stiffness: &'a [f64],
     pub fibres: &'a Fibres,
@@ -45,7 +46,7 @@ impl<'a> Builder<'a> {
         m: usize,
         plan: &'a MusclePlan,
         rest: &'a Rest,
-        (edges, contracting): (&'a [Distance], &'a [FibreDistance]),
+        (edges, contraction): (&'a [Distance], &'a Contraction),
         edge_stiffness: &'a [f64],
         (fibres, ties): (&'a Fibres, &'a Ties),
     ) -> Self {
@@ -61,7 +62,7 @@ impl<'a> Builder<'a> {
             plan,
             rest,
             edges,
-            contracting,
+            contraction,
             edge_stiffness,
             fibres,
             ties,
