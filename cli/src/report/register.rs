@@ -238,8 +238,8 @@ impl Registration<'_> {
     fn findings(&self) -> Vec<String> {
         let off = 1.0 - self.registration.share();
         let found = format!(
-            "{:.0} % of the vertices of A do not lie on B: it has nothing there, or A is another subject, the other side of the body, or \
-             another bone; after.png shows where",
+            "{:.0} % of the vertices of A do not lie on B: B has nothing there, or A is another subject, \
+             the other side of the body, or another bone; after.png shows where",
             100.0 * off
         );
         (!(off <= 1.0 - FITS))
