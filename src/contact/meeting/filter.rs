@@ -1,5 +1,7 @@
 //! The guarantee: motion is taken back until every pair is in order along its normal.
 
+use std::cmp::Ordering;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::super::gap::{Parts, ROUNDING, gap, height, largest, max2};
@@ -12,8 +14,13 @@ use crate::mesh::measures::Aabb;
 /// back towards the start of the step.
 const ROUNDS: usize = 24;
 
+/// Number of rounds up to which a push then goes one way: what something fixed has moved moves others
+/// and does not give way itself. Sharing the way carries a push through layers by as many rounds as
+/// the square of their number.
+const PUSHED: usize = ROUNDS + 96;
+
 /// Greatest number of all rounds: what moves back can be pushed again by vertices that bones hold.
-const ALL_ROUNDS: usize = 200;
+const ALL_ROUNDS: usize = PUSHED + 176;
 
 /// Number of times that the motion of a vertex is halved before it is held.
 const HALVINGS: u8 = 5;
@@ -53,6 +60,29 @@ struct Back {
     halvings: Vec<u8>,
     /// The obstacle that carries each soft vertex; [`NONE`] if it goes back to the start.
     carriers: Vec<u32>,
+    /// Number of pushes from something fixed to each soft vertex; [`NONE`] if none has reached it.
+    pushes: Vec<u32>,
+}
+
+/// What a round does with pairs that are not in order.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Round {
+    /// Both parts move apart.
+    Share,
+    /// The part that a push reached first moves the other one.
+    Push,
+    /// Both move back towards the start.
+    Back,
+}
+
+impl Round {
+    fn of(round: usize) -> Self {
+        match round {
+            _ if round < ROUNDS => Self::Share,
+            _ if round < PUSHED => Self::Push,
+            _ => Self::Back,
+        }
+    }
 }
 
 impl Back {
@@ -104,7 +134,7 @@ impl Meeting {
             if found.len() == known || round >= ALL_ROUNDS {
                 break open;
             }
-            while round < ALL_ROUNDS && self.put_back(&found, round < ROUNDS, &mut back) {
+            while round < ALL_ROUNDS && self.put_back(&found, Round::of(round), &mut back) {
                 (round, is_moved) = (round + 1, true);
             }
             self.note_step();
@@ -135,10 +165,13 @@ impl Meeting {
         (self.crossings().len() <= most).then(|| self.hold(bodies, None))
     }
 
-    /// Puts the pairs that are not in order back into it, in turn: by motion `along` their normals, or
+    /// Puts the pairs that are not in order back into it, in turn: by motion along their normals, or
     /// back towards the start. Returns true if a vertex moved.
-    fn put_back(&mut self, found: &[Crossing], along: bool, back: &mut Back) -> bool {
+    fn put_back(&mut self, found: &[Crossing], round: Round, back: &mut Back) -> bool {
         let mut is_moved = false;
+        if round == Round::Push {
+            back.pushes.resize(self.soft_count, NONE);
+        }
         for (k, crossing) in found.iter().enumerate() {
             if back.is_known(k, &crossing.corners) {
                 continue;
@@ -149,11 +182,15 @@ impl Meeting {
             }
             // What it moves, others have to look at anew; so has it itself.
             back.move_corners(&crossing.corners);
-            let goes_back = !along || crossing.plane.is_none();
+            let goes_back = round == Round::Back || crossing.plane.is_none();
             let mut done = goes_back && self.go_back(&crossing.corners, back);
             // Going back does not help against vertices that bones move.
             if let Some(plane) = crossing.plane.filter(|_| !done) {
-                done = crossing.part(plane, self);
+                let yields = match round {
+                    Round::Push => crossing.pushed(self, back),
+                    Round::Share | Round::Back => [true; 2],
+                };
+                done = crossing.part(plane, yields, self);
             }
             is_moved |= done;
         }
@@ -332,16 +369,47 @@ impl Crossing {
         }
     }
 
+    /// Which of both parts moves when a push goes one way: not the one that it reached first. Notes
+    /// that the other one is reached.
+    fn pushed(&self, of: &Meeting, back: &mut Back) -> [bool; 2] {
+        let (first, second) = self.corners.split_at(self.parts.first());
+        let reached = |part: &[u32]| {
+            let pushes = part.iter().map(|&v| match of.mass[v as usize] > 0.0 {
+                true => back.pushes[v as usize],
+                false => 0,
+            });
+            pushes.min().unwrap_or(NONE)
+        };
+        let after = [reached(first), reached(second)];
+        let (from, to) = match after[0].cmp(&after[1]) {
+            Ordering::Less => (after[0], second),
+            Ordering::Equal => return [true; 2],
+            Ordering::Greater => (after[1], first),
+        };
+        for &v in to.iter().filter(|v| of.mass[**v as usize] > 0.0) {
+            let pushes = &mut back.pushes[v as usize];
+            *pushes = (*pushes).min(from + 1);
+        }
+        [after[0] > after[1], after[1] > after[0]]
+    }
+
     /// Moves the free vertices of a pair along its normal until its parts are in order again. The
-    /// parts share the way; one that cannot move leaves it to the other. Returns false if no vertex
-    /// moved.
-    fn part(&self, (normal, planned): (Vector3<f64>, f64), of: &mut Meeting) -> bool {
+    /// parts that yield share the way; one that cannot move leaves it to the other. Returns false if
+    /// no vertex moved.
+    fn part(
+        &self,
+        (normal, planned): (Vector3<f64>, f64),
+        yields: [bool; 2],
+        of: &mut Meeting,
+    ) -> bool {
         let split = self.parts.first();
         let origin = of.start[self.corners[0] as usize];
         let heights = self
             .corners
             .map(|v| (of.end[v as usize] - origin).dot(&normal));
-        let is_free = self.corners.map(|v| of.mass[v as usize] > 0.0);
+        let is_free: [bool; 4] = std::array::from_fn(|k| {
+            yields[usize::from(k >= split)] && of.mass[self.corners[k] as usize] > 0.0
+        });
         // Least height of the first part and greatest of the second one: of all corners and of
         // fixed ones.
         let [mut low, mut top, mut low_fixed, mut top_fixed] = [f64::INFINITY; 4];
