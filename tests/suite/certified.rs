@@ -112,20 +112,20 @@ fn p32_a_soft_block_rests_on_a_soft_slab() {
     let bodies = [ground(0.1, 0.02, 0.025), block];
     let frames = 600;
     let mut run = run_of(&bodies, frames, &format!("{ELASTIC}{GRAVITY}{DAMPING}"));
-    let (mut drift, mut energy) = (0.0_f64, 0.0_f64);
+    // Path and way of the fastest vertex in the last second, and the greatest energy.
+    let (mut path, mut energy) = (0.0_f64, 0.0_f64);
+    let far =
+        |a: &[Point3<f64>], b: &[Point3<f64>]| worst(a.iter().zip(b).map(|(a, b)| (a - b).norm()));
+    let mut since = positions(&run, 1).to_vec();
     for frame in 0..frames {
         let before = positions(&run, 1).to_vec();
         run.step_frame();
         let particles = &run.bodies[1].system.particles;
         if frame % 60 == 0 {
-            (drift, energy) = (0.0, 0.0);
+            (path, energy) = (0.0, 0.0);
+            since.clone_from(&before);
         }
-        drift += worst(
-            before
-                .iter()
-                .zip(&particles.position)
-                .map(|(a, b)| (a - b).norm()),
-        );
+        path += far(&before, &particles.position);
         let each = particles.velocity.iter().zip(&particles.inverse_mass);
         energy = worst([energy, each.map(|(v, w)| 0.5 * v.norm_squared() / w).sum()]);
     }
@@ -136,15 +136,17 @@ fn p32_a_soft_block_rests_on_a_soft_slab() {
         .iter()
         .map(|w| 1.0 / w)
         .sum();
-    let (drift, energy) = (drift / size, energy / (mass * 9.81 * size));
+    let drift = far(&since, positions(&run, 1)) / size;
+    let (path, energy) = (path / size, energy / (mass * 9.81 * size));
     println!(
-        "12,000 steps: drift {drift:e} L in the last second, energy {energy:e} m g L, {:?}",
+        "12,000 steps: in the last second drift {drift:e} L, path {path:e} L, energy {energy:e} m g L, {:?}",
         run.certificate()
     );
     assert_eq!(crossings(&run).all, 0);
     assert!(mean(&run, 1).z > 0.4 * size, "control: it lies on the slab");
-    // Path of the fastest vertex in a second. The row of P32 has 1e-6: a soft block creeps more.
-    assert!(drift <= 1e-4 && energy <= 1e-9, "{drift} {energy}");
+    // A bound on what the row of P32 asks: the path of the fastest vertex.
+    assert!(path <= 1e-5 && energy <= 1e-9, "{path} {energy}");
+    assert!(drift <= path, "{drift} {path}");
 }
 
 #[test]
@@ -234,19 +236,16 @@ fn closed_to(share: f64) -> (usize, u64, f64) {
 
 #[test]
 fn p34_closing_walls_of_soft_bodies_cross_nothing_silently() {
-    for share in [0.5, 0.3] {
+    for share in [0.5, 0.3, 0.1] {
         let (crossed, open, volume) = closed_to(share);
         println!("closed to {share}: {crossed} crossings, {open} open, volume {volume}");
         assert_eq!((crossed, open), (0, 0));
         assert!((volume - 1.0).abs() <= 1e-6, "{volume}");
     }
-    for share in [0.1, -0.1] {
-        let (crossed, open, volume) = closed_to(share);
-        println!("closed to {share}: {crossed} crossings, {open} open, volume {volume}");
-        assert!(volume.is_finite());
-        // Walls through each other leave no room; the certificate counts the open pairs.
-        assert!(share > 0.0 || open > 0);
-    }
+    // Walls through each other leave no room; the certificate counts the open pairs.
+    let (crossed, open, volume) = closed_to(-0.1);
+    println!("closed beyond: {crossed} crossings, {open} open, volume {volume}");
+    assert!(volume.is_finite() && open > 0);
 }
 
 /// Two balls that fall on a slab, one of them on the other.
