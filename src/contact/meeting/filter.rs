@@ -10,8 +10,7 @@ use super::lists::AHEAD;
 use super::{Key, Meeting, StepMotions};
 use crate::mesh::measures::Aabb;
 
-/// Number of rounds in which pairs are moved apart along their normals before their vertices go
-/// back towards the start of the step.
+/// Number of rounds in which both parts of a pair share the way along its normal.
 const ROUNDS: usize = 24;
 
 /// Number of rounds up to which a push then goes one way: what something fixed has moved moves others
