@@ -14,8 +14,8 @@ use crate::mesh::measures::Aabb;
 const ROUNDS: usize = 24;
 
 /// Number of rounds up to which a push then goes one way: what something fixed has moved moves others
-/// and does not give way itself. Sharing the way carries a push through layers by as many rounds as
-/// the square of their number.
+/// and does not give way itself. Where both parts share the way, a push needs about as many rounds as
+/// the square of the number of layers.
 const PUSHED: usize = ROUNDS + 96;
 
 /// Greatest number of all rounds: what moves back can be pushed again by vertices that bones hold.
@@ -76,10 +76,12 @@ enum Round {
 
 impl Round {
     fn of(round: usize) -> Self {
-        match round {
-            _ if round < ROUNDS => Self::Share,
-            _ if round < PUSHED => Self::Push,
-            _ => Self::Back,
+        if round < ROUNDS {
+            Self::Share
+        } else if round < PUSHED {
+            Self::Push
+        } else {
+            Self::Back
         }
     }
 }
@@ -168,9 +170,6 @@ impl Meeting {
     /// back towards the start. Returns true if a vertex moved.
     fn put_back(&mut self, found: &[Crossing], round: Round, back: &mut Back) -> bool {
         let mut is_moved = false;
-        if round == Round::Push {
-            back.pushes.resize(self.soft_count, NONE);
-        }
         for (k, crossing) in found.iter().enumerate() {
             if back.is_known(k, &crossing.corners) {
                 continue;
@@ -371,6 +370,7 @@ impl Crossing {
     /// Which of both parts moves when a push goes one way: not the one that it reached first. Notes
     /// that the other one is reached.
     fn pushed(&self, of: &Meeting, back: &mut Back) -> [bool; 2] {
+        back.pushes.resize(of.soft_count, NONE);
         let (first, second) = self.corners.split_at(self.parts.first());
         let reached = |part: &[u32]| {
             let pushes = part.iter().map(|&v| match of.mass[v as usize] > 0.0 {
