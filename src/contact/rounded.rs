@@ -4,9 +4,13 @@
 //! where two points are equally near. A vertex slips there, or is thrown, within one frame. The mean
 //! direction over a ball turns gradually while the vertex moves by the radius of the ball.
 
+use std::collections::HashMap;
+
 use nalgebra::{Point3, Unit, Vector3};
+use rayon::prelude::*;
 
 use super::{Obstacle, Projection};
+use crate::mesh::measures::Aabb;
 
 /// Cosine of the greatest angle between the mean direction and that from the nearest point. A plane
 /// that is steeper to the surface lets the vertex sink while it slides.
@@ -33,20 +37,106 @@ pub(crate) fn around(middle: &Point3<f64>, radius: f64) -> [Point3<f64>; POINTS]
     })
 }
 
-/// The mean direction away from an obstacle within `radius` [m] of a point whose nearest point is
-/// `own`. An obstacle without edges has that of `own`.
-pub(super) fn mean_normal(
-    obstacle: &dyn Obstacle,
-    at: &Point3<f64>,
-    own: &Projection,
+/// The mean direction away from one obstacle, on a grid in its frame.
+///
+/// A value belongs to a place on the grid alone, so that it is computed once, at the first vertex near
+/// it, and is the same whenever that is.
+#[derive(Clone, Debug)]
+pub(super) struct MeanNormals {
+    /// A node of the grid [m].
+    origin: Point3<f64>,
+    /// Radius of the means, and edge of a cell [m].
     radius: f64,
-) -> Vector3<f64> {
-    if obstacle.contact_samples().is_empty() {
-        return own.normal;
+    /// Sums of the normals around nodes; unused for an obstacle without edges.
+    sums: Option<HashMap<Node, Vector3<f64>>>,
+}
+
+type Node = [i64; 3];
+
+impl MeanNormals {
+    /// Means over `radius` [m], which is at least zero.
+    pub fn new(obstacle: &dyn Obstacle, radius: f64) -> Self {
+        let Aabb { min, max } = obstacle.bounding_box();
+        // Off the planes of symmetry of a body: two of its faces would be equally near there.
+        let aside = Vector3::new(0.19, 0.23, 0.31) * radius;
+        let has_edges = !obstacle.contact_samples().is_empty() && radius > 0.0;
+        Self {
+            origin: nalgebra::center(&min, &max) + aside,
+            radius,
+            sums: has_edges.then(HashMap::new),
+        }
     }
-    let others = around(at, radius).into_iter().skip(1);
-    let normals = others.filter_map(|p| Some(obstacle.closest_from(&p, &own.point)?.normal));
-    leant(&own.normal, &(own.normal + normals.sum::<Vector3<f64>>()))
+
+    /// The mean direction at each place with its nearest point, of length one.
+    pub fn at(
+        &mut self,
+        obstacle: &dyn Obstacle,
+        places: &[(Point3<f64>, Projection)],
+    ) -> Vec<Vector3<f64>> {
+        self.prepare(obstacle, places);
+        let mean = |(at, own): &(Point3<f64>, Projection)| match &self.sums {
+            Some(sums) => leant(&own.normal, &self.between(sums, at)),
+            None => own.normal,
+        };
+        places.par_iter().with_min_len(32).map(mean).collect()
+    }
+
+    /// Computes the sums at those corners of the cells of `places` where they are unknown.
+    fn prepare(&mut self, obstacle: &dyn Obstacle, places: &[(Point3<f64>, Projection)]) {
+        let (cells, Some(sums)) = (places.iter().map(|(at, _)| self.cell(at).0), &self.sums) else {
+            return;
+        };
+        let hints = places.iter().map(|(_, own)| own.point);
+        let each = cells.zip(hints);
+        let each = each.flat_map(|(cell, hint)| corners(cell).map(|node| (node, hint)));
+        let mut missing: Vec<(Node, Point3<f64>)> =
+            each.filter(|(node, _)| !sums.contains_key(node)).collect();
+        missing.sort_by_key(|(node, _)| *node);
+        missing.dedup_by_key(|(node, _)| *node);
+        let sum = |(node, hint): &(Node, Point3<f64>)| {
+            let middle = self.origin + Vector3::from(node.map(|k| k as f64)) * self.radius;
+            let found = around(&middle, self.radius / 2.0).map(|p| obstacle.closest_from(&p, hint));
+            (*node, found.into_iter().flatten().map(|f| f.normal).sum())
+        };
+        let new: Vec<(Node, Vector3<f64>)> = missing.par_iter().map(sum).collect();
+        if let Some(sums) = &mut self.sums {
+            sums.extend(new);
+        }
+    }
+
+    /// The cell of a place, and where in it, from 0 to 1 along each axis.
+    fn cell(&self, at: &Point3<f64>) -> (Node, Vector3<f64>) {
+        let scaled = (at - self.origin) / self.radius;
+        let low = scaled.map(f64::floor);
+        (low.map(|k| k as i64).into(), scaled - low)
+    }
+
+    /// The sum at a place, linear along each axis of its cell.
+    fn between(&self, sums: &HashMap<Node, Vector3<f64>>, at: &Point3<f64>) -> Vector3<f64> {
+        let (cell, within) = self.cell(at);
+        let mut mean = Vector3::zeros();
+        for (k, node) in corners(cell).iter().enumerate() {
+            let share = |axis: usize| match k >> axis & 1 {
+                0 => 1.0 - within[axis],
+                _ => within[axis],
+            };
+            let sum = sums.get(node).copied().unwrap_or_default();
+            mean += sum * (share(0) * share(1) * share(2));
+        }
+        mean
+    }
+
+    pub fn bytes(&self) -> usize {
+        let each = std::mem::size_of::<(Node, Vector3<f64>)>();
+        self.sums.as_ref().map_or(0, |sums| sums.capacity() * each)
+    }
+}
+
+/// The corners of a cell; bit `a` of the number of a corner is its place along axis `a`.
+fn corners(cell: Node) -> [Node; 8] {
+    std::array::from_fn(|k| {
+        std::array::from_fn(|axis| cell[axis].saturating_add((k >> axis & 1) as i64))
+    })
 }
 
 /// The direction of `mean`, but at most as far from the direction `own` as [`MOST`] tells.
@@ -126,7 +216,7 @@ mod tests {
         let at = |s: f64| Point3::new(s, 0.02, 1e-4 - s.abs());
         let turn = |s: f64, radius: f64| {
             let own = roof.closest(&at(s)).expect("a surface");
-            mean_normal(&roof, &at(s), &own, radius).x
+            MeanNormals::new(&roof, radius).at(&roof, &[(at(s), own)])[0].x
         };
         let steps = (-300..300).map(|k| f64::from(k) * 1e-3);
         let most = |radius: f64| {
@@ -145,12 +235,30 @@ mod tests {
     }
 
     #[test]
+    fn what_is_known_of_other_places_changes_no_bit() {
+        let (roof, mut draw) = (roof(), Draw::new(11));
+        let place = |draw: &mut Draw| {
+            let at = Point3::from(draw.direction() * draw.between(0.5, 1.5));
+            (at, roof.closest(&at).expect("a surface"))
+        };
+        let places: Vec<_> = (0..100).map(|_| place(&mut draw)).collect();
+        let mut one = MeanNormals::new(&roof, 0.3);
+        let together = one.at(&roof, &places);
+        assert_eq!(one.at(&roof, &places), together);
+        let mut backwards = MeanNormals::new(&roof, 0.3);
+        for (place, normal) in places.iter().zip(together).rev() {
+            assert_eq!(backwards.at(&roof, &[*place]), [normal]);
+        }
+        assert_eq!(one.bytes(), backwards.bytes());
+    }
+
+    #[test]
     fn the_mean_has_length_one_and_leans_by_sixty_degrees_at_most() {
         let (roof, mut draw) = (roof(), Draw::new(3));
         for _ in 0..200 {
             let at = Point3::from(draw.direction() * draw.between(0.1, 2.0));
             let own = roof.closest(&at).expect("a surface");
-            let mean = mean_normal(&roof, &at, &own, draw.between(0.0, 3.0));
+            let mean = MeanNormals::new(&roof, draw.between(0.0, 3.0)).at(&roof, &[(at, own)])[0];
             assert!((mean.norm() - 1.0).abs() <= 1e-13, "{mean}");
             assert!(mean.dot(&own.normal) >= MOST - 1e-13);
         }

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::motion_bound::MotionBound;
-use super::rounded::mean_normal;
+use super::rounded::MeanNormals;
 use super::vertex_plane::VertexPlane;
 use super::{Obstacle, PosedObstacle, Projection};
 use crate::state::{DecodeError, Reader, State, Value, Writer};
@@ -48,19 +48,6 @@ impl Known {
             normal: closest.normal,
         }
     }
-
-    /// The same with the direction of the plane, if the vertex is nearer than `near` [m]: the mean over
-    /// `radius` [m].
-    fn with_plane(self, obstacle: &dyn Obstacle, near: f64, radius: f64) -> Self {
-        let Self { from, closest, .. } = self;
-        if closest.distance > near {
-            return self;
-        }
-        Self {
-            normal: mean_normal(obstacle, &from, &closest, radius),
-            ..self
-        }
-    }
 }
 
 /// Contact state of each free vertex of a muscle with respect to one obstacle.
@@ -73,8 +60,8 @@ pub(super) struct VertexContacts {
     /// Contact planes of near vertices, sorted by vertex.
     pub planes: Vec<VertexPlane>,
     thickness: f64,
-    /// Radius over which the direction of a plane is a mean [m].
-    radius: f64,
+    /// Directions of planes.
+    normals: MeanNormals,
     /// Number of queries.
     pub lookups: u64,
     /// Number of walks that ended before their target.
@@ -83,7 +70,7 @@ pub(super) struct VertexContacts {
 
 impl VertexContacts {
     /// Queries every vertex of `vertices` once, unless `near` gives the nearest point of every
-    /// vertex of the muscle.
+    /// vertex of the muscle. The direction of a plane is a mean over `radius` [m].
     pub fn new(
         placed: &PosedObstacle,
         vertices: &[u32],
@@ -98,19 +85,39 @@ impl VertexContacts {
                 let at = inverse * x[v as usize];
                 let found =
                     near.map_or_else(|| placed.obstacle.closest(&at), |near| near[v as usize]);
-                let known = Known::new(found, at, 0.0, thickness);
-                known.with_plane(&*placed.obstacle, NEAR * thickness, radius)
+                Known::new(found, at, 0.0, thickness)
             })
             .collect();
-        Self {
+        let mut new = Self {
             vertices: vertices.to_vec(),
             known,
             looked: Vec::new(),
             planes: Vec::new(),
             thickness,
-            radius,
+            normals: MeanNormals::new(&*placed.obstacle, radius),
             lookups: vertices.len() as u64,
             stopped: 0,
+        };
+        let all: Vec<u32> = (0..vertices.len() as u32).collect();
+        new.turn(&*placed.obstacle, &all);
+        new
+    }
+
+    /// Gives those of the vertices `of` that are near the directions of their planes.
+    fn turn(&mut self, obstacle: &dyn Obstacle, of: &[u32]) {
+        let near = NEAR * self.thickness;
+        let is_near = |k: &&u32| self.known[**k as usize].closest.distance <= near;
+        let of: Vec<u32> = of.iter().filter(is_near).copied().collect();
+        let place = |k: &u32| {
+            (
+                self.known[*k as usize].from,
+                self.known[*k as usize].closest,
+            )
+        };
+        let places: Vec<_> = of.iter().map(place).collect();
+        let normals = self.normals.at(obstacle, &places);
+        for (k, normal) in of.into_iter().zip(normals) {
+            self.known[k as usize].normal = normal;
         }
     }
 
@@ -126,38 +133,35 @@ impl VertexContacts {
     ) {
         let inverse = placed.now.inverse();
         let near = NEAR * self.thickness;
-        let due: Vec<u32> = (0..self.known.len() as u32)
-            .filter(|&k| {
-                let Known {
-                    from,
-                    closest,
-                    wake,
-                    bound,
-                    normal: _,
-                } = &self.known[k as usize];
-                if closest.distance > near && *wake < f64::INFINITY {
-                    return *wake <= motion_bound.at_most;
-                }
-                let at = inverse * x[self.vertices[k as usize] as usize];
-                if closest.distance > near {
-                    return !((at - from).norm() <= *bound);
-                }
-                !(2.0 * (at - from).norm() <= closest.distance)
-            })
-            .collect();
+        let mut due = Vec::new();
+        for (k, (known, &v)) in self.known.iter_mut().zip(&self.vertices).enumerate() {
+            let is_far = known.closest.distance > near;
+            if is_far && known.wake < f64::INFINITY && known.wake > motion_bound.at_most {
+                continue;
+            }
+            let moved = (inverse * x[v as usize] - known.from).norm();
+            let is_free = match is_far {
+                true => moved <= known.bound,
+                false => 2.0 * moved <= known.closest.distance,
+            };
+            if !is_free {
+                due.push(k as u32);
+            } else if is_far && known.wake < f64::INFINITY {
+                // It went a shorter way than the sum of the greatest motions, or back.
+                known.wake = motion_bound.at_least + known.bound - moved;
+            }
+        }
         let (this, positions): (&Self, &[Point3<f64>]) = (self, x);
         let again = |&k: &u32| {
             let v = this.vertices[k as usize] as usize;
             let [before, at] = [placed.before.inverse() * start[v], inverse * positions[v]];
             let obstacle = &*placed.obstacle;
-            let (known, moved, stopped) = this.look_again(
+            this.look_again(
                 &this.known[k as usize],
                 obstacle,
                 [before, at],
                 motion_bound,
-            );
-            let known = known.with_plane(obstacle, near, this.radius);
-            (known, moved, stopped)
+            )
         };
         let found: Vec<(Known, Option<Point3<f64>>, bool)> =
             due.par_iter().with_min_len(32).map(again).collect();
@@ -176,6 +180,7 @@ impl VertexContacts {
             }
             self.stopped += u64::from(stopped);
         }
+        self.turn(&*placed.obstacle, &due);
         self.looked.extend(due);
         self.make_planes(&placed.now);
         // The displacement of a walk is a correction by the bone, which friction needs.
@@ -303,12 +308,7 @@ impl VertexContacts {
                 }
                 None => {
                     let found = placed.obstacle.closest(&at);
-                    let known = Known::new(found, at, motion_bound, thickness);
-                    let obstacle = &*placed.obstacle;
-                    (
-                        known.with_plane(obstacle, NEAR * thickness, self.radius),
-                        true,
-                    )
+                    (Known::new(found, at, motion_bound, thickness), true)
                 }
             }
         };
@@ -318,6 +318,11 @@ impl VertexContacts {
             .retain(|plane| free.binary_search(&plane.vertex).is_ok());
         (self.known, self.vertices, self.thickness) = (known, free.to_vec(), thickness);
         self.looked.clear();
+        let looked = looked.into_iter().zip(0..);
+        let new: Vec<u32> = looked
+            .filter_map(|(looked, k)| looked.then_some(k))
+            .collect();
+        self.turn(&*placed.obstacle, &new);
     }
 
     /// A superset of the vertices in or near the obstacle.
@@ -339,6 +344,7 @@ impl VertexContacts {
         self.known.capacity() * std::mem::size_of::<Known>()
             + self.vertices.capacity() * 4
             + self.planes.capacity() * std::mem::size_of::<VertexPlane>()
+            + self.normals.bytes()
     }
 }
 
@@ -392,7 +398,7 @@ impl State for VertexContacts {
             looked,
             planes,
             thickness: _,
-            radius: _,
+            normals: _,
             lookups,
             stopped,
         } = self;
