@@ -187,6 +187,7 @@ impl Simulation {
     fn try_frame(&mut self, is_last_try: bool, stop: Stop<'_>) {
         let substeps = self.control.steps();
         for body in &mut self.bodies {
+            self.work += u64::from(substeps) * body.system.particles.len() as u64;
             body.jump = None;
             let (parts, whole) = if self.scene.solver.has_classic_stiffness() {
                 (substeps / self.substeps, self.substeps)

@@ -99,6 +99,8 @@ pub struct Simulation {
     substeps: u32,
     /// Number of steps of the frames, beside that of the scene.
     control: StepControl,
+    /// Steps of vertices so far, with those of tries that were undone.
+    work: u64,
     /// Where frames are computed; `None`: in the pool of the caller.
     pool: Option<rayon::ThreadPool>,
 }
@@ -157,6 +159,7 @@ impl Simulation {
             frame: 0,
             substeps,
             control: StepControl::new(&scene),
+            work: 0,
             pool: None,
             scene,
         };
@@ -197,6 +200,12 @@ impl Simulation {
     /// Counts that certify that nothing crossed, over all frames so far.
     pub fn certificate(&self) -> Certificate {
         self.certificate
+    }
+
+    /// The work of all frames since it was made: the number of steps times that of vertices, with steps of
+    /// tries that were undone. Unlike a time it is the same on any machine.
+    pub fn work(&self) -> u64 {
+        self.work
     }
 
     /// Computes frames on `threads` threads of its own, or on those of the caller if the system
@@ -245,6 +254,7 @@ impl State for Simulation {
             frame,
             substeps: _,
             control,
+            work: _,
             pool: _,
             freed: _,
         } = self;

@@ -16,9 +16,12 @@ use super::warn;
 use crate::report::Table;
 use crate::report::folder::Folder;
 use crate::report::output::{RunOutput, Verdict};
-use crate::stress::{Case, Drawing, Ended, Trial};
+use crate::stress::{Case, Drawing, Ended, Examined, Trial, Worse, worsened};
 use crate::study::key::{Contents, key_of};
-use pliant::scene::builtin;
+use pliant::io::Encoding;
+use pliant::mesh::TriangleMesh;
+use pliant::scene::{Content, Scene, Source, builtin};
+use pliant::simulation::Assets;
 
 /// Strain a scene with parameters drawn at random: each case must end converged, not converged, or
 /// refused
@@ -31,13 +34,17 @@ Examples:
 
 Each case multiplies one to four numbers of the scene by factors on a logarithmic scale: numbers of
 materials, effects and solvers, sizes of meshes, the width and the speed of motions. Every second case
-stays within a decade around the scene, the others within three. Some cases have another solver or lack
-an effect. A scene of muscles runs its whole motion in --frames frames, with as many steps as it needs.
+stays within a decade around the scene and moves at most as far, the others within three. Some cases have another solver, lack an
+effect, stand still, or have a mesh with needles, with flat triangles, or in other units. A scene of
+muscles runs its whole motion in --frames frames, with as many steps as it needs. A case whose --work is
+spent ends there, and counts as not converged.
 
 A finding is a case that ends in another way: a panic, a number that is not finite, crossings although no
-pair is open, a volume lost in a converged frame, a refusal without a key, or no end within --limit
-seconds. Its changes are reduced to those that it needs. cases/*.json keep each case. The same command
-runs the cases that are missing. The preparation of a case has no limit, and Ctrl-C waits for its end.
+pair is open, a volume lost in a converged frame, other bits by other threads (of every eighth case),
+energy that grows although nothing moves, a refusal without a key, or no end within --limit seconds. Its
+changes are reduced to those that it needs. cases/*.json keep each case, meshes/*.obj the other meshes.
+The same command runs the cases that are missing. The preparation of a case has no limit, and Ctrl-C waits
+for its end.
 
 Exit codes: 0 no finding; 1 a finding;
 2 bad usage or input; 130 or 143 interrupted.")]
@@ -53,6 +60,9 @@ pub(super) struct Arguments {
     /// Greatest number of frames of a case of muscles
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: u32,
+    /// The greatest work of a case of muscles, in millions of steps of vertices
+    #[arg(long, value_name = "MILLIONS", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    work: u32,
     /// The longest time of a case [s]
     #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     limit: u32,
@@ -76,6 +86,12 @@ struct Row {
 /// The folder of the cases, below that of the results.
 const CASES: &str = "cases";
 
+/// The folder of meshes that cases have in place of those of the scene.
+const MESHES: &str = "meshes";
+
+/// Every so many cases one is computed by other threads too.
+const TWINS: usize = 8;
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping after these cases");
@@ -92,12 +108,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             "check the file with `pliant plan`",
         )
     })?;
-    let drawing = Drawing::new(&table, arguments.seed, arguments.frames as usize);
+    let meshes = match &scene {
+        Content::Muscles(scene) => meshes_of(scene),
+        _ => Vec::new(),
+    };
+    let others = meshes.iter().map(|(muscle, _)| *muscle).collect();
+    let drawing = Drawing::new(&table, arguments.seed, arguments.frames as usize, others);
     let path = arguments.output.folder(scene.name(), "stress");
-    let keep = |file: &str| !arguments.fresh && file.starts_with(CASES);
+    let of_cases = |file: &str| file.starts_with(CASES) || file.starts_with(MESHES);
+    let keep = |file: &str| !arguments.fresh && of_cases(file);
     let folder = Folder::open_keeping(&path, &keep)?;
     let trial = Trial {
         load: &with,
+        most_work: u64::from(arguments.work) * 1_000_000,
         longest: Duration::from_secs(arguments.limit.into()),
         stop: &stop,
     };
@@ -105,6 +128,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         arguments,
         text: &text,
         drawing,
+        meshes,
         trial,
         folder: &folder,
         contents: Mutex::default(),
@@ -121,6 +145,8 @@ struct Campaign<'a, 'b> {
     arguments: &'a Arguments,
     text: &'a str,
     drawing: Drawing,
+    /// Meshes as read [m], of muscles by their numbers.
+    meshes: Vec<(usize, TriangleMesh)>,
     trial: Trial<'b>,
     folder: &'a Folder,
     contents: Mutex<Contents>,
@@ -173,9 +199,14 @@ impl Campaign<'_, '_> {
 
     /// A case that ended in an earlier call, or ends now; `None` if it was stopped.
     fn row(&self, number: usize) -> Result<Option<Row>, Failure> {
-        let case = self.drawing.case(number);
+        let mut case = self.drawing.case(number);
+        if let Some((muscle, worse)) = case.mesh {
+            let changes = self.other_mesh(number, muscle, worse)?;
+            case.changes.extend(changes);
+        }
+        let examined = self.examined(&case);
         let file = format!("{CASES}/{}-{number}.json", self.arguments.seed);
-        let key = json!([self.key(&case), self.arguments.limit]);
+        let key = json!([self.key(&case), self.arguments.limit, self.arguments.work]);
         if let Some((ended, needed)) = read(&self.folder.path().join(&file), &key) {
             return Ok(Some(Row {
                 case,
@@ -183,7 +214,7 @@ impl Campaign<'_, '_> {
                 needed,
             }));
         }
-        let ended = self.trial.run(&case.changes);
+        let ended = self.trial.run(&case.changes, examined);
         let needed = match &ended {
             Ended::Interrupted => return Ok(None),
             Ended::Found(_) => self.reduced(&case, &ended),
@@ -203,7 +234,48 @@ impl Campaign<'_, '_> {
         }))
     }
 
-    /// All inputs of the end of a case but its limit: those of a run of a study, or the text of a scene
+    fn examined(&self, case: &Case) -> Examined {
+        Examined {
+            still: case.still,
+            threads: case.number % TWINS == TWINS / 2,
+        }
+    }
+
+    /// The files of a case in the folder: its end, and its mesh if it has another one.
+    fn files_of(&self, case: &Case) -> Vec<String> {
+        let (seed, number) = (self.arguments.seed, case.number);
+        let mesh = case.mesh.map(|_| format!("{MESHES}/{seed}-{number}.obj"));
+        let end = format!("{CASES}/{seed}-{number}.json");
+        std::iter::once(end).chain(mesh).collect()
+    }
+
+    /// Writes another mesh for a case, and returns the changes that name it.
+    fn other_mesh(
+        &self,
+        number: usize,
+        muscle: usize,
+        worse: Worse,
+    ) -> Result<Vec<String>, Failure> {
+        let found = self.meshes.iter().find(|(m, _)| *m == muscle);
+        let Some((_, mesh)) = found else {
+            return Ok(Vec::new());
+        };
+        let file = self
+            .folder
+            .claim(&format!("{MESHES}/{}-{number}.obj", self.arguments.seed))?;
+        let mesh = worsened(mesh, worse, number as u64);
+        pliant::io::write(&file, &mesh, &[], Encoding::Text)
+            .map_err(|error| Failure::usage(error.to_string(), "use another folder"))?;
+        let path = std::path::absolute(&file).unwrap_or(file);
+        let (key, unit) = (format!("muscle.{muscle}"), worse.unit().0);
+        Ok(vec![
+            format!("{key}.shape=off"),
+            format!("{key}.mesh={}", path.display()),
+            format!("{key}.unit={unit}"),
+        ])
+    }
+
+    /// All inputs of the end of a case but its limits: those of a run of a study, or the text of a scene
     /// that is refused.
     fn key(&self, case: &Case) -> String {
         let Ok(content) = (self.trial.load)(&case.changes) else {
@@ -227,7 +299,7 @@ impl Campaign<'_, '_> {
         while k < needed.len() {
             let mut fewer = needed.clone();
             fewer.remove(k);
-            if self.trial.run(&fewer).defect() == ended.defect() {
+            if self.trial.run(&fewer, self.examined(case)).defect() == ended.defect() {
                 needed = fewer;
             } else {
                 k += 1;
@@ -285,6 +357,7 @@ impl Campaign<'_, '_> {
             "seed": self.arguments.seed,
             "frames": self.arguments.frames,
             "limit_s": self.arguments.limit,
+            "work": u64::from(self.arguments.work) * 1_000_000,
             "findings": findings,
         });
         let counts = format!(
@@ -310,10 +383,28 @@ impl Campaign<'_, '_> {
             explanations: vec![
                 "Usual cases stay within a decade around the numbers of the scene, the others within three.".to_owned(),
             ],
-            written: rows.iter().map(|row| format!("{CASES}/{}-{}.json", self.arguments.seed, row.case.number)).collect(),
+            written: rows.iter().flat_map(|row| self.files_of(&row.case)).collect(),
             ..RunOutput::default()
         }
     }
+}
+
+/// The meshes of the muscles of a scene that can have others [m]: those that bring no fibres of their own.
+fn meshes_of(scene: &Scene) -> Vec<(usize, TriangleMesh)> {
+    let mut whole = scene.clone();
+    for muscle in &mut whole.muscles {
+        (muscle.edge_length, muscle.repair) = (None, None);
+    }
+    // What cannot be read is refused in each case, with its reason.
+    let Ok(assets) = Assets::load(&whole) else {
+        return Vec::new();
+    };
+    let each = assets.muscles.into_iter().enumerate().zip(&scene.muscles);
+    let plain = each.filter(|((_, read), muscle)| {
+        let is_shape = matches!(muscle.surface, Source::Shape(_));
+        !read.mesh.triangles.is_empty() && !(is_shape && !read.fibres.is_empty())
+    });
+    plain.map(|((m, read), _)| (m, read.mesh)).collect()
 }
 
 /// The end of a case with this key in a file of an earlier call.

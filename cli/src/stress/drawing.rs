@@ -3,6 +3,8 @@
 use pliant::scene::{EFFECTS, SOLVERS, SolverQuestion};
 use toml::{Table, Value};
 
+use super::Worse;
+
 /// Keys that are no parameters: names, files, places, and numbers of elements.
 const FIXED: [&str; 23] = [
     "frames",
@@ -38,6 +40,10 @@ const BEYOND: f64 = 1.5;
 /// many triangles.
 const EDGE_LENGTH: &str = "edge_length";
 
+/// The share of cases without a motion, and of those with a worse mesh where one can be had.
+const STILL: f64 = 0.05;
+const OTHER_MESH: f64 = 0.2;
+
 /// Greatest number of parameters that a case changes.
 const MOST_CHANGED: usize = 4;
 
@@ -52,6 +58,10 @@ pub struct Case {
     pub common: usize,
     /// Whether its numbers leave a decade around those of the scene.
     pub beyond: bool,
+    /// Whether no bone moves.
+    pub still: bool,
+    /// A muscle, by its number, whose mesh is a worse one.
+    pub mesh: Option<(usize, Worse)>,
 }
 
 /// What is drawn of a scene.
@@ -68,13 +78,16 @@ pub struct Drawing {
     frame_rate: Option<Value>,
     effects: Vec<String>,
     solver: Option<String>,
+    /// The muscles whose meshes can be others, by their numbers.
+    meshes: Vec<usize>,
     /// Number of frames of the scene that one of a case takes the place of.
     shortened: i64,
 }
 
 impl Drawing {
-    /// Draws cases of a scene, with its text; those of muscles have at most `frames` frames.
-    pub fn new(scene: &Table, seed: u64, frames: usize) -> Self {
+    /// Draws cases of a scene, with its text; those of muscles have at most `frames` frames, and other meshes
+    /// for the muscles with these numbers.
+    pub fn new(scene: &Table, seed: u64, frames: usize, meshes: Vec<usize>) -> Self {
         let mut numbers = Vec::new();
         walk("", scene, &mut numbers);
         let is_of_motion = |key: &str| key.contains(".motion.keys.");
@@ -120,6 +133,7 @@ impl Drawing {
                 .first()
                 .cloned()
                 .filter(|_| of_muscles),
+            meshes,
             shortened,
         }
     }
@@ -167,9 +181,13 @@ impl Drawing {
             let kept = if beyond { value } else { within(key, value) };
             drawn.push(format!("{key}={kept}"));
         }
-        if next() < 0.25 {
+        let still = !self.motion.is_empty() && next() < STILL;
+        if still {
+            drawn.extend(self.moved(0.0));
+        } else if next() < 0.25 {
             let factor = three_digits(factor(next(), decades));
-            drawn.extend(self.moved(factor));
+            // The motion of the scene is the widest that it is made for.
+            drawn.extend(self.moved(if beyond { factor } else { factor.min(1.0) }));
         }
         if let Some(rate) = self.frame_rate.as_ref().filter(|_| next() < 0.25) {
             let factor = three_digits(factor(next(), decades));
@@ -180,6 +198,10 @@ impl Drawing {
             drawn.retain(|change| !change.starts_with(&format!("effects.{off}.")));
             drawn.push(format!("effects.{off}=off"));
         }
+        let mesh = (!self.meshes.is_empty() && next() < OTHER_MESH).then(|| {
+            let muscle = self.meshes[index(next(), self.meshes.len())];
+            (muscle, Worse::ALL[index(next(), Worse::ALL.len())])
+        });
         let common = changes.len();
         changes.extend(drawn);
         Case {
@@ -187,6 +209,8 @@ impl Drawing {
             changes,
             common,
             beyond,
+            still,
+            mesh,
         }
     }
 }
@@ -315,7 +339,7 @@ fn factor(drawn: f64, decades: f64) -> f64 {
     10_f64.powf((2.0 * drawn - 1.0) * decades)
 }
 
-fn index(drawn: f64, count: usize) -> usize {
+pub(super) fn index(drawn: f64, count: usize) -> usize {
     ((drawn * count as f64) as usize).min(count.saturating_sub(1))
 }
 
@@ -326,7 +350,7 @@ mod tests {
 
     fn drawing(name: &str, seed: u64) -> Drawing {
         let text = builtin(name).expect("a built-in scene");
-        Drawing::new(&text.parse().expect("TOML"), seed, 30)
+        Drawing::new(&text.parse().expect("TOML"), seed, 30, vec![0])
     }
 
     #[test]
@@ -393,7 +417,9 @@ mod tests {
         let off = |_: &Case, c: &str| c.starts_with("effects.") && c.ends_with("=off");
         // Within four standard deviations.
         for (what, found, wanted) in [
-            ("motion", share(&of_motion), 0.25),
+            ("motion", share(&of_motion), STILL + (1.0 - STILL) * 0.25),
+            ("no motion", share(&|case, _| case.still), STILL),
+            ("mesh", share(&|case, _| case.mesh.is_some()), OTHER_MESH),
             ("frame rate", share(&of_rate), 0.25),
             ("effect off", share(&off), 0.15),
         ] {

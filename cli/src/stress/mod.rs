@@ -3,10 +3,12 @@
 //!
 //! A [`Drawing`] draws the changes of a case by a seed, and a [`Trial`] runs it and judges its end by
 //! means of its own: numbers that are not finite, crossings although no pair is open, lost volumes,
-//! panics, and frames that do not end.
+//! other bits by other threads, energy that grows at rest, panics, and frames that do not end.
 
 pub mod drawing;
+pub mod meshes;
 pub mod trial;
 
 pub use drawing::{Case, Drawing};
-pub use trial::{Ended, Trial};
+pub use meshes::{Worse, worsened};
+pub use trial::{Ended, Examined, Trial};

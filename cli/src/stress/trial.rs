@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::report::audit::RunAudit;
 use crate::report::muscles::TORN;
-use pliant::mesh::measures::volume;
+use pliant::mesh::measures::{max_or_nan, volume};
 use pliant::progress::Progress;
 use pliant::scene::{Content, Scene, SceneError};
 use pliant::simulation::{
@@ -63,6 +63,8 @@ impl Ended {
 pub struct Trial<'a> {
     /// Reads the scene with changes.
     pub load: &'a (dyn Fn(&[String]) -> Result<Content, SceneError> + Sync),
+    /// The greatest work of a case of muscles, in steps of vertices.
+    pub most_work: u64,
     /// The longest time of a case.
     pub longest: Duration,
     /// A flag that stops all cases.
@@ -84,16 +86,34 @@ impl Progress for Watch<'_> {
     }
 }
 
+/// What a case is examined for beside the rest.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Examined {
+    /// Nothing moves it, so that it must come to rest.
+    pub still: bool,
+    /// Its first frames are computed by other threads too.
+    pub threads: bool,
+}
+
+/// The frames that other threads compute too, and the number of those threads.
+const TWIN_FRAMES: usize = 2;
+const TWIN_THREADS: usize = 3;
+
+/// Kinetic energy grows at rest where that of the last third of the frames is so many times the greatest of
+/// those before, and in a frame moves a vertex by more than this share of an edge.
+const GROWS: f64 = 2.0;
+const AT_REST: f64 = 1e-3;
+
 impl Trial<'_> {
     /// Runs the scene with these changes.
-    pub fn run(&self, changes: &[String]) -> Ended {
+    pub fn run(&self, changes: &[String], examined: Examined) -> Ended {
         let watch = Watch {
             stop: self.stop,
             end: Instant::now() + self.longest,
         };
         let run = || match (self.load)(changes) {
             Err(error) => refused(&error),
-            Ok(Content::Muscles(scene)) => self.of_muscles(*scene, &watch),
+            Ok(Content::Muscles(scene)) => self.of_muscles(*scene, &watch, examined),
             Ok(other) => self.of_others(&other, &watch),
         };
         catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
@@ -103,15 +123,23 @@ impl Trial<'_> {
         })
     }
 
-    fn of_muscles(&self, scene: Scene, watch: &Watch<'_>) -> Ended {
+    fn of_muscles(&self, scene: Scene, watch: &Watch<'_>, examined: Examined) -> Ended {
         let made = Assets::load(&scene).and_then(|assets| {
             let plan = Plan::new(&scene, &assets);
-            Simulation::with(scene, assets, plan)
+            let twin = examined
+                .threads
+                .then(|| Simulation::with(scene.clone(), assets.clone(), plan.clone()));
+            let twin = twin.transpose()?;
+            Ok((Simulation::with(scene, assets, plan)?, twin))
         });
-        let mut simulation = match made {
-            Ok(simulation) => simulation,
+        let (mut simulation, mut twin) = match made {
+            Ok(made) => made,
             Err(error) => return not_loaded(&error),
         };
+        if let Some(twin) = &mut twin {
+            twin.set_threads(TWIN_THREADS);
+        }
+        let mut energies = Vec::new();
         // Several cases run at once. Within a pool of theirs nobody could stop a frame.
         simulation.set_threads(1);
         if watch.is_stopped() {
@@ -133,6 +161,23 @@ impl Trial<'_> {
             }
             why = why.or(doubted(&simulation, &measures));
             audit.frame(&simulation);
+            if let Some(twin) = twin.as_mut().filter(|_| simulation.frame() <= TWIN_FRAMES) {
+                match twin.step(watch) {
+                    Stepped::Done => {}
+                    Stepped::Interrupted => return self.stopped(simulation.frame()),
+                    Stepped::Failed(reason) => return Ended::NotConverged(reason),
+                }
+                if let Some(found) = differs(&simulation, twin) {
+                    return Ended::Found(found);
+                }
+            }
+            energies.push(measures.iter().map(|m| m.kinetic_energy_j).sum::<f64>());
+            if simulation.work() > self.most_work && !simulation.is_finished() {
+                let (frame, all) = (simulation.frame(), simulation.scene.frames);
+                let spent = format!("its work is spent after frame {frame} of {all}");
+                why = why.or(Some(spent));
+                break;
+            }
             if watch.is_stopped() && !simulation.is_finished() {
                 return self.stopped(simulation.frame());
             }
@@ -141,7 +186,11 @@ impl Trial<'_> {
             }
         }
         audit.finish(&simulation);
-        if let Some(found) = crossed(&simulation, &audit, at_start) {
+        let grown = || {
+            let all_converged = why.is_none() && examined.still;
+            all_converged.then(|| grows(&simulation, &energies))?
+        };
+        if let Some(found) = crossed(&simulation, &audit, at_start).or_else(grown) {
             return Ended::Found(found);
         }
         why.map_or(Ended::Converged, Ended::NotConverged)
@@ -248,6 +297,45 @@ fn crossed(simulation: &Simulation, audit: &RunAudit, at_start: usize) -> Option
     Some(format!("crossing: {crossings} {what}: {place}"))
 }
 
+/// Positions that depend on the number of threads.
+fn differs(simulation: &Simulation, twin: &Simulation) -> Option<String> {
+    let mut both = simulation.bodies.iter().zip(&twin.bodies);
+    let other = both.find(|(body, twin)| {
+        let [x, y] = [body, twin].map(|body| &body.system.particles.position);
+        x != y
+    });
+    let frame = simulation.frame();
+    other.map(|(body, _)| {
+        format!(
+            "threads: {} has other positions in frame {frame} by {TWIN_THREADS} threads than by one",
+            body.name
+        )
+    })
+}
+
+/// Kinetic energy that grows although no bone moves, from that of each frame [J].
+fn grows(simulation: &Simulation, energies: &[f64]) -> Option<String> {
+    let (before, last) = energies.split_at(energies.len() - energies.len() / 3);
+    let [before, last] = [before, last].map(|part| max_or_nan(part.iter().copied()));
+    let bodies = &simulation.bodies;
+    let mass: f64 = bodies.iter().map(|body| mass(&body.system.particles)).sum();
+    let edge = bodies.iter().map(|body| body.edge_length);
+    let edge = edge.min_by(f64::total_cmp).unwrap_or(0.0);
+    let in_a_frame = (2.0 * last / mass).sqrt() / simulation.scene.frame_rate;
+    let is_still = last <= GROWS * before || in_a_frame <= AT_REST * edge;
+    (!is_still && mass > 0.0).then(|| {
+        format!(
+            "energy: {last:.1e} J in the last third of the frames, at most {before:.1e} J before"
+        )
+    })
+}
+
+/// The mass of the free vertices [kg].
+fn mass(particles: &pliant::Particles) -> f64 {
+    let free = particles.inverse_mass.iter().filter(|w| **w > 0.0);
+    free.map(|w| 1.0 / w).sum()
+}
+
 /// The error of a volume that is kept exactly, relative to its target, computed anew.
 fn volume_error(simulation: &Simulation, body: &Body) -> Option<f64> {
     let muscle = simulation
@@ -289,10 +377,14 @@ mod tests {
         let load = move |changes: &[String]| load_content(scene, changes);
         let trial = Trial {
             load: &load,
+            most_work: u64::MAX,
             longest: Duration::from_secs_f64(longest),
             stop: &AtomicBool::new(false),
         };
-        trial.run(&changes.iter().map(|c| (*c).to_owned()).collect::<Vec<_>>())
+        trial.run(
+            &changes.iter().map(|c| (*c).to_owned()).collect::<Vec<_>>(),
+            Examined::default(),
+        )
     }
 
     #[test]
@@ -346,10 +438,14 @@ mod tests {
         let load = |_: &[String]| panic!("a defect");
         let trial = Trial {
             load: &load,
+            most_work: u64::MAX,
             longest: Duration::from_secs(1),
             stop: &AtomicBool::new(false),
         };
-        assert_eq!(trial.run(&[]), Ended::Found("panic: a defect".to_owned()));
+        assert_eq!(
+            trial.run(&[], Examined::default()),
+            Ended::Found("panic: a defect".to_owned())
+        );
     }
 
     /// A press at its start, with its muscle moved.
@@ -394,5 +490,40 @@ mod tests {
         is(found(&smaller, true), "volume");
         assert_eq!(found(&smaller, false), None, "control");
         is(found(&moved(|x| x.y += 0.02), true), "crossing");
+        let (one, same) = (moved(|_| ()), moved(|_| ()));
+        assert_eq!(differs(&one, &same), None, "control");
+        is(
+            differs(&one, &moved(|x| x.z *= 1.0 + f64::EPSILON)),
+            "threads",
+        );
+        let calm = [0.0, 2.0, 1.0, 0.5, 0.2, 0.1];
+        assert_eq!(grows(&one, &calm), None, "control");
+        is(grows(&one, &[0.0, 0.2, 0.1, 0.2, 0.2, 0.5]), "energy");
+        is(grows(&one, &[0.0, 0.2, 0.1, 0.2, 0.2, f64::NAN]), "energy");
+        let tiny = [0.0, 0.0, 0.0, 0.0, 0.0, 1e-12];
+        assert_eq!(grows(&one, &tiny), None, "rounding");
+    }
+
+    #[test]
+    fn a_case_ends_when_its_work_is_spent_and_threads_change_nothing() {
+        let load = |changes: &[String]| load_content("press", changes);
+        let trial = |most_work: u64| {
+            Trial {
+                load: &load,
+                most_work,
+                longest: Duration::from_secs(60),
+                stop: &AtomicBool::new(false),
+            }
+            .run(
+                &["muscle.0.edge_length=20 mm", "frames=4"].map(str::to_owned),
+                Examined {
+                    still: true,
+                    threads: true,
+                },
+            )
+        };
+        assert_eq!(trial(u64::MAX), Ended::Converged);
+        let spent = "its work is spent after frame 1 of 4".to_owned();
+        assert_eq!(trial(1), Ended::NotConverged(spent));
     }
 }

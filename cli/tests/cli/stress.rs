@@ -67,9 +67,28 @@ fn a_case_that_does_not_end_is_a_finding() {
 }
 
 #[test]
+fn another_mesh_of_a_case_is_a_file_of_the_result() {
+    let folder = Scratch::folder();
+    let out = folder.to_str().expect("a path");
+    // Two frames are too few for the keys of the press, so that all cases are refused at once.
+    let given = [
+        "stress", "press", "--json", "--out", out, "--cases", "5", "--seed", "2", "--frames", "2",
+    ];
+    let summary: Value = serde_json::from_slice(&run(&given).stdout).expect("JSON");
+    assert_valid(&summary);
+    assert_eq!(summary["stress"]["refused"], 5, "{summary:#}");
+    let files = summary["files"].as_array().expect("a list");
+    let name = "meshes/2-4.obj";
+    assert!(files.iter().any(|file| file == name), "{files:?}");
+    let mesh = pliant::io::read(&folder.join(name)).expect("a mesh").mesh;
+    assert!(mesh.triangles.len() > 1000, "{}", mesh.triangles.len());
+}
+
+#[test]
 fn wrong_input_is_refused() {
     for (arguments, message) in [
-        (&["stress", "no-such-scene"][..], "no-such-scene"),
+        (&["stress", "press", "--work", "0"][..], "--work"),
+        (&["stress", "no-such-scene"], "no-such-scene"),
         (&["stress"], "SCENE"),
         (&["stress", "press", "--cases", "0"], "--cases"),
         (&["stress", "press", "--set", "frames=-1"], "frames"),
