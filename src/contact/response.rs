@@ -460,7 +460,9 @@ impl Contacts {
     /// True if no vertex is deeper than `depth` [m] below the known bone surfaces, and no bone
     /// point is in the muscle.
     pub fn is_clear(&mut self, placed: &[PosedObstacle], x: &[Point3<f64>], depth: f64) -> bool {
-        if !self.vertices.iter().all(|c| c.is_clear(x, depth)) {
+        let each = self.obstacles.iter().zip(&self.motion_bound);
+        let mut vertices = self.vertices.iter().zip(each);
+        if !vertices.all(|(c, (&o, &motion))| c.is_clear(&placed[o], x, depth, motion)) {
             return false;
         }
         if self.triangles.is_empty() {

@@ -335,9 +335,26 @@ impl VertexContacts {
             .map(|(_, v)| *v)
     }
 
-    /// True if no vertex is deeper than `depth` [m] below the known surface.
-    pub fn is_clear(&self, x: &[Point3<f64>], depth: f64) -> bool {
+    /// True if no vertex is deeper than `depth` [m] below the surface, after a step that ended with a sum of
+    /// motion of `motion_bound` [m]: a vertex with a plane is not below it, another one in its free ball.
+    pub fn is_clear(
+        &self,
+        placed: &PosedObstacle,
+        x: &[Point3<f64>],
+        depth: f64,
+        motion_bound: f64,
+    ) -> bool {
+        let near = NEAR * self.thickness;
+        let inverse = placed.now.inverse();
+        let is_free = |(known, &v): (&Known, &u32)| {
+            let distance = known.closest.distance;
+            let has_plane = distance <= near;
+            has_plane
+                || known.wake > motion_bound
+                || (inverse * x[v as usize] - known.from).norm() <= distance
+        };
         self.planes.iter().all(|r| r.height(x) >= -depth)
+            && self.known.iter().zip(&self.vertices).all(is_free)
     }
 
     pub fn bytes(&self) -> usize {

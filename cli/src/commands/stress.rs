@@ -115,8 +115,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let others = meshes.iter().map(|(muscle, _)| *muscle).collect();
     let drawing = Drawing::new(&table, arguments.seed, arguments.frames as usize, others);
     let path = arguments.output.folder(scene.name(), "stress");
-    let of_cases = |file: &str| file.starts_with(CASES) || file.starts_with(MESHES);
-    let keep = |file: &str| !arguments.fresh && of_cases(file);
+    let keep = |file: &str| {
+        !arguments.fresh
+            && [CASES, MESHES]
+                .iter()
+                .any(|folder| file.starts_with(folder))
+    };
     let folder = Folder::open_keeping(&path, &keep)?;
     let trial = Trial {
         load: &with,
