@@ -474,7 +474,7 @@ mod tests {
             "frames=80",
             "muscle.0.edge_length='24 mm'",
             "solver=pbd",
-            "solver.pbd.stretch=0.3",
+            "solver.pbd.stretch=0.2",
             "effects.damping=off",
         ];
         let scene = load("press", &changes.map(str::to_owned)).expect("a scene");
