@@ -405,8 +405,8 @@ fn meshes_of(scene: &Scene) -> Vec<(usize, TriangleMesh)> {
     };
     let each = assets.muscles.into_iter().enumerate().zip(&scene.muscles);
     let plain = each.filter(|((_, read), muscle)| {
-        let is_shape = matches!(muscle.surface, Source::Shape(_));
-        !read.mesh.triangles.is_empty() && !(is_shape && !read.fibres.is_empty())
+        let is_file = !matches!(muscle.surface, Source::Shape(_));
+        !read.mesh.triangles.is_empty() && (is_file || read.fibres.is_empty())
     });
     plain.map(|((m, read), _)| (m, read.mesh)).collect()
 }
