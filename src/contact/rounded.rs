@@ -4,7 +4,7 @@
 //! where two points are equally near. A vertex slips there, or is thrown, within one frame. The mean
 //! direction over a ball turns gradually while the vertex moves by the radius of the ball.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use nalgebra::{Point3, Unit, Vector3};
 use rayon::prelude::*;
@@ -86,19 +86,20 @@ impl MeanNormals {
         let (cells, Some(sums)) = (places.iter().map(|(at, _)| self.cell(at).0), &self.sums) else {
             return;
         };
-        let hints = places.iter().map(|(_, own)| own.point);
-        let each = cells.zip(hints);
-        let each = each.flat_map(|(cell, hint)| corners(cell).map(|node| (node, hint)));
-        let mut missing: Vec<(Node, Point3<f64>)> =
-            each.filter(|(node, _)| !sums.contains_key(node)).collect();
-        missing.sort_by_key(|(node, _)| *node);
-        missing.dedup_by_key(|(node, _)| *node);
-        let sum = |(node, hint): &(Node, Point3<f64>)| {
+        let missing: BTreeSet<Node> = cells
+            .flat_map(corners)
+            .filter(|node| !sums.contains_key(node))
+            .collect();
+        let sum = |node: Node| {
             let middle = self.origin + Vector3::from(node.map(|k| k as f64)) * self.radius;
-            let found = around(&middle, self.radius / 2.0).map(|p| obstacle.closest_from(&p, hint));
-            (*node, found.into_iter().flatten().map(|f| f.normal).sum())
+            // What is found must not depend on the vertex that came first.
+            let known = obstacle.closest(&middle).map_or(middle, |own| own.point);
+            let found =
+                around(&middle, self.radius / 2.0).map(|p| obstacle.closest_from(&p, &known));
+            (node, found.into_iter().flatten().map(|f| f.normal).sum())
         };
-        let new: Vec<(Node, Vector3<f64>)> = missing.par_iter().map(sum).collect();
+        let missing: Vec<Node> = missing.into_iter().collect();
+        let new: Vec<(Node, Vector3<f64>)> = missing.into_par_iter().map(sum).collect();
         if let Some(sums) = &mut self.sums {
             sums.extend(new);
         }

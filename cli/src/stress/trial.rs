@@ -99,8 +99,9 @@ pub struct Examined {
 const TWIN_FRAMES: usize = 2;
 const TWIN_THREADS: usize = 3;
 
-/// Kinetic energy grows at rest where that of the last third of the frames is so many times the greatest of
-/// those before, and in a frame moves a vertex by more than this share of an edge.
+/// The kinetic energy of a case that stands still grows if two things hold. In the last third of the frames it
+/// is above this multiple of the greatest one before, and it moves a vertex in a frame by more than this share
+/// of an edge.
 const GROWS: f64 = 2.0;
 const AT_REST: f64 = 1e-3;
 
