@@ -30,9 +30,6 @@ pub(super) fn left_out(scene: &Scene, plan: &Plan, interface: &Interface) -> Opt
     let Some(contact) = scene.effects.contact else {
         return Some("muscles step together with [effects.contact] alone");
     };
-    if scene.solver.minimisation().is_some() {
-        return Some("a minimum of energy has no bonds yet; `solver.xpbd` has them");
-    }
     if !contact.between.muscles {
         return Some("`effects.contact.between` does not name muscles");
     }

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 use super::body::{Body, Stepper};
 use super::equilibrium::{Bones, Equilibrium, TOUCHING, first_non_finite};
 use super::frame::{FrameSteps, Stop};
-use crate::constraints::EnclosedVolume;
+use crate::constraints::{EnclosedVolume, Potential};
 use crate::contact::meeting::{Certificate, Meeting};
 use crate::contact::{ContactPlane, PosedObstacle};
 use crate::mesh::measures::{Aabb, max_or_nan};
@@ -37,11 +37,14 @@ pub(super) struct Joint {
 }
 
 impl Joint {
-    /// Prepares bodies at rest, each with an energy of its own.
+    /// Prepares bodies at rest, each with an energy of its own, with `bonds` between them.
     ///
     /// # Errors
     /// A part of a body without a fixed vertex, or too little memory.
-    pub fn new(bodies: &mut [&mut Body]) -> Result<Self, FactorError> {
+    pub fn new(
+        bodies: &mut [&mut Body],
+        bonds: Option<Box<dyn Potential>>,
+    ) -> Result<Self, FactorError> {
         let (mut ranges, mut x, mut mass) = (Vec::new(), Vec::new(), Vec::new());
         for body in bodies.iter() {
             let first = x.len();
@@ -49,7 +52,10 @@ impl Joint {
             mass.extend_from_slice(&body.system.particles.inverse_mass);
             ranges.push(first..x.len());
         }
-        let mut energy = Energy::default();
+        let mut energy = Energy {
+            elastic: bonds.into_iter().collect(),
+            ..Energy::default()
+        };
         let mut settings = DescentSettings::default();
         for (body, range) in bodies.iter_mut().zip(&ranges) {
             let own = equilibrium(body);

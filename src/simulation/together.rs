@@ -116,15 +116,17 @@ impl Simulation {
             if group.meeting.is_none() || !bodies.iter().all(is_minimum) {
                 continue;
             }
+            let mut bonds = None;
             if let Some(meeting) = &mut group.meeting {
                 meeting.push_once();
+                bonds = meeting.elastic_bonds();
             }
             let same = before
                 .iter_mut()
                 .find(|known| known.members == group.members);
             group.joint = same.and_then(|known| known.joint.take());
             if group.joint.is_none() {
-                match Joint::new(&mut bodies) {
+                match Joint::new(&mut bodies, bonds) {
                     Ok(joint) => group.joint = Some(joint),
                     Err(error) => {
                         group.meeting = None;

@@ -79,8 +79,17 @@ fn the_stiffness_of_a_bond_is_for_its_area() {
     let heavy = "[solver.xpbd]\nsubsteps = 20\n";
     let text = interface(&more).replace("'5 1/s'", "'40 1/s'") + heavy;
     let (run, _) = slid(40, &text);
+    let count = run.bodies[1].rest.vertices.len() as f64;
+    let by = shear(&run);
+    let ratio = by * stiffness * 0.06 * 0.06 / (FORCE * count);
+    println!("shear {by:e} m, of the expected {ratio}");
+    assert!((0.97..=1.03).contains(&ratio), "{ratio}");
+}
+
+/// How far the upper slab slid on the lower one where they face each other \[m\].
+fn shear(run: &Simulation) -> f64 {
     let (lower, upper) = (&run.bodies[0], &run.bodies[1]);
-    // Of vertices that face each other; those of the rim have half the area.
+    // Vertices of the rim have half the area.
     let shear = |body: &pliant::simulation::Body, z: f64| -> f64 {
         let (mut sum, mut areas) = (0.0, 0.0);
         let all = body
@@ -99,11 +108,44 @@ fn the_stiffness_of_a_bond_is_for_its_area() {
         }
         sum / areas
     };
-    let by = shear(upper, 0.0051) - shear(lower, 0.005);
-    let count = upper.rest.vertices.len() as f64;
+    shear(upper, 0.0051) - shear(lower, 0.005)
+}
+
+#[test]
+fn a_minimum_of_energy_has_the_bonds() {
+    let stiffness = 2e5;
+    let bonded = interface(&format!("kind = 'bonded'\nstiffness = '{stiffness} N/m3'"));
+    let bonded = bonded.replace("'5 1/s'", "'40 1/s'");
+    let rested = |bodies: &[Soft], frames: usize, solver: &str, text: &str| {
+        let text = format!("{text}[solver.{solver}]\n");
+        let mut run = simulation(&scene_of(bodies, frames, &text), bodies);
+        for _ in 0..frames {
+            run.step_frame();
+            assert_eq!(crossings(&run).all, 0);
+        }
+        shear(&run)
+    };
+    // The upper slab holds by its bonds alone.
+    let bodies = slabs([FORCE, 0.0, 0.0]);
+    let count = bodies[1].mesh.vertices.len() as f64;
+    let by = rested(&bodies, 25, "implicit_euler", &bonded);
     let ratio = by * stiffness * 0.06 * 0.06 / (FORCE * count);
-    println!("shear {by:e} m, of the expected {ratio}");
+    println!("of the expected shear {ratio}");
     assert!((0.97..=1.03).contains(&ratio), "{ratio}");
+    // An equilibrium needs something that is held: here its upper side.
+    let mut bodies = slabs([3.0 * FORCE, 0.0, 0.0]);
+    let upper = &mut bodies[1];
+    let is_high = |v: &u32| upper.mesh.vertices[*v as usize].z > 0.015;
+    upper.held = (0..count as u32).filter(is_high).collect();
+    let [still, moving] = [("quasi_static", 1), ("implicit_euler", 3)]
+        .map(|(solver, frames)| rested(&bodies, frames, solver, &bonded));
+    let sliding = rested(&bodies, 1, "quasi_static", &interface("kind = 'sliding'"));
+    println!("equilibrium {still:e} m, after a motion {moving:e} m, sliding {sliding:e} m");
+    assert!(
+        (still - moving).abs() <= 0.01 * still,
+        "{still} and {moving}"
+    );
+    assert!(still <= 0.9 * sliding, "control: {still} of {sliding}");
 }
 
 /// Ten frames of two free slabs, the upper one moving, `gap` \[m\] apart. Returns the momentum that

@@ -4,7 +4,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::super::surface::Surface;
 use super::{Meeting, SoftMember};
-use crate::constraints::{Batch, Bond, Project, SweepOrder};
+use crate::constraints::bond::ElasticBond;
+use crate::constraints::{Batch, Bond, Constraint, Potential, Project, Stencils, SweepOrder};
 use crate::mesh::TriangleMesh;
 use crate::particles::Particles;
 
@@ -21,6 +22,7 @@ pub struct BondSpec {
 
 /// The bonds of a meeting, over all of its soft vertices.
 pub(super) struct Bonds {
+    elastic: Vec<ElasticBond>,
     batch: Batch<Bond, 4>,
     particles: Particles,
 }
@@ -38,9 +40,9 @@ impl Meeting {
     /// A vertex that is near the other surface is bonded to its place over the nearest triangle, with
     /// the stiffness of its area there, unless its foot lies far from this triangle.
     pub fn bond(&mut self, soft: &[SoftMember<'_>], specs: &[BondSpec]) -> Vec<usize> {
-        let (mut all, mut compliance, mut counts) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut elastic, mut counts) = (Vec::new(), Vec::new());
         for spec in specs {
-            let before = all.len();
+            let before = elastic.len();
             let [a, b] = spec.members;
             for [one, other] in [[a, b], [b, a]] {
                 let first = [one, other].map(|member| self.members[member].first as u32);
@@ -48,16 +50,19 @@ impl Meeting {
                 for (bond, area) in places {
                     let stiffness = 0.5 * spec.stiffness * area;
                     if stiffness > 0.0 {
-                        all.push(bond);
-                        compliance.push(1.0 / stiffness);
+                        elastic.push(ElasticBond { bond, stiffness });
                     }
                 }
             }
-            counts.push(all.len() - before);
+            counts.push(elastic.len() - before);
         }
         let count = self.soft_count;
-        self.bonds = (!all.is_empty()).then(|| Bonds {
+        let all = elastic.iter().map(|elastic| elastic.bond).collect();
+        let compliance = elastic.iter().map(|elastic| 1.0 / elastic.stiffness);
+        let compliance = compliance.collect();
+        self.bonds = (!elastic.is_empty()).then(|| Bonds {
             batch: Batch::new(all, compliance, SweepOrder::Coloured, count, &[]),
+            elastic,
             particles: Particles::at_rest(
                 self.start[..count].to_vec(),
                 self.mass[..count].to_vec(),
@@ -66,12 +71,23 @@ impl Meeting {
         counts
     }
 
+    /// Their energy over all soft vertices, for a solver that sweeps over nothing.
+    pub fn elastic_bonds(&self) -> Option<Box<dyn Potential>> {
+        let bonds = self.bonds.as_ref()?;
+        Some(Box::new(Stencils::new(Bond::NAME, bonds.elastic.clone())))
+    }
+
     /// One sweep over the bonds with a step of `dt` [s], at the given positions of each soft surface
     /// [m]. Returns true if there are bonds.
     pub fn project_bonds(&mut self, bodies: &mut [&mut [Point3<f64>]], dt: f64) -> bool {
-        let Some(Bonds { batch, particles }) = &mut self.bonds else {
+        let Some(bonds) = &mut self.bonds else {
             return false;
         };
+        let Bonds {
+            elastic: _,
+            batch,
+            particles,
+        } = bonds;
         for (member, x) in self.members.iter().zip(bodies.iter()) {
             particles.position[member.first..member.first + member.count].copy_from_slice(x);
         }
