@@ -137,7 +137,7 @@ impl Task {
         )
         .expect("memory for the factor");
         let outcome = newton
-            .solve(&mut x, |_, _| true)
+            .solve(&mut x, &mut NoContact, |_, _| true)
             .expect("both ends are held");
         assert!(outcome.converged, "the reference is not: {outcome:?}");
         x

@@ -10,6 +10,7 @@ use crate::contact::PosedObstacle;
 use crate::contact::smooth::SmoothDistance;
 use crate::mesh::measures::max_or_nan;
 use crate::rest::{Relax, relax};
+use crate::solvers::NoContact;
 use crate::solvers::descent::{DescentOutcome, DescentSettings};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
@@ -261,7 +262,7 @@ impl Relax for Rounds<'_> {
     }
 
     fn advance(&mut self) -> Result<bool, FactorError> {
-        self.outcome = self.solver.solve(self.x, |_, _| true)?;
+        self.outcome = self.solver.solve(self.x, &mut NoContact, |_, _| true)?;
         self.iterations += self.outcome.iterations;
         self.evaluations += self.outcome.evaluations;
         self.done += 1;

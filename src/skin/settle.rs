@@ -584,7 +584,9 @@ impl SkinSystem {
         };
         let from = x.to_owned();
         let near = |now: &[Point3<f64>]| from.iter().zip(now).all(|(a, b)| (a - b).norm() <= leash);
-        let outcome = newton.solve(x, |_, now| near(now)).map_err(failed)?;
+        let outcome = newton
+            .solve(x, &mut NoContact, |_, now| near(now))
+            .map_err(failed)?;
         Ok((outcome, newton.pressures.clone()))
     }
 }

@@ -21,7 +21,7 @@ const MOST_VERTICES: usize = 4096;
 
 /// Addition to the diagonal of the small matrix, relative to it: rows of one vertex can be
 /// dependent.
-const RIDGE: f64 = 1e-9;
+pub(super) const RIDGE: f64 = 1e-9;
 
 /// Greatest number of sweeps over the reactions of coupled rows, and the change of the last sweep
 /// relative to the greatest reaction: they only choose the rows.
@@ -297,7 +297,7 @@ impl Active {
 
 /// The numbers r >= 0 with M r >= `lack`, where r is zero wherever that is not an equality: sweeps over
 /// the rows of the symmetric matrix M.
-fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> Vec<f64> {
+pub(super) fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> Vec<f64> {
     let mut found = DVector::zeros(lack.len());
     for _ in 0..SWEEPS {
         let (mut change, mut most) = (0.0_f64, 0.0_f64);

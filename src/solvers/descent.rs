@@ -20,6 +20,10 @@ const HALVINGS: u32 = 30;
 /// Relative error of a volume that is rounding.
 pub(super) const ROUNDED: f64 = 64.0 * f64::EPSILON;
 
+/// Greatest number of rounds in which volumes are corrected and motion through something is taken
+/// back.
+pub(super) const KEEPING: usize = 4;
+
 /// Greatest number of sweeps over several volumes.
 const SWEEPS: u32 = 60;
 
@@ -303,6 +307,41 @@ impl DescentProblem {
             .zip(spreads)
             .for_each(|(m, spread)| add_scaled(&mut pull, -m, spread));
         (pull, found)
+    }
+
+    /// The displacement `pull` without its part that changes the volumes; `spreads` are those of
+    /// [`Self::direction`].
+    pub(super) fn keeping(&self, state: &State, mut pull: Field, spreads: &[Field]) -> Field {
+        let compliance = |i: usize| self.energy.volumes[i].compliance();
+        let found = multipliers(&state.areas, spreads, compliance, |i| {
+            dot(&state.areas[i], &pull)
+        });
+        let each = found.iter().zip(spreads);
+        each.for_each(|(m, spread)| add_scaled(&mut pull, -m, spread));
+        pull
+    }
+
+    /// Brings a trial from `x` out of obstacles, and volumes to their targets along `spreads`, without
+    /// motion through something. Returns false if that is impossible.
+    pub(super) fn complete_trial(
+        &self,
+        x: &[Point3<f64>],
+        end: &mut [Point3<f64>],
+        spreads: &[Field],
+        contact: &mut impl ContactFilter,
+    ) -> bool {
+        contact.push(x, end);
+        for _ in 0..KEEPING {
+            if !self.keep_volumes(end, spreads) {
+                return false;
+            }
+            match contact.hold(end) {
+                Some(false) => return true,
+                Some(true) => {}
+                None => return false,
+            }
+        }
+        false
     }
 
     /// True if all volumes without compliance are at their targets up to rounding.

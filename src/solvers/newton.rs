@@ -4,16 +4,23 @@
 //! A positive definite second derivative is used as it is. Otherwise each constraint's part is
 //! replaced by its positive semi-definite part (projection on demand \[longva2023\]).
 //!
-//! *Limitations.* The method has no obstacles: with them, [`super::quasi_static`] to a small force
-//! is the reference. Of several equilibria it finds one near the start. A factor of 3 unknowns per
-//! vertex takes some hundred times the memory of the constant one of [`super::quasi_static`].
+//! Obstacles and other parts that touch are linear inequalities of the step, so that each step is the
+//! minimum of a quadratic energy over them. A row of the inequalities joins as soon as the step would
+//! break it, and needs a solution with the factor.
+//!
+//! *Limitations.* The second derivative has no curvature of obstacles: where they are curved, the force
+//! falls by a constant factor in each step. Of several equilibria it finds one near the start. A factor
+//! of 3 unknowns per vertex takes some hundred times the memory of the constant one of
+//! [`super::quasi_static`].
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Point3, Vector3};
 
-use super::descent::{DescentOutcome, DescentProblem, DescentSettings, State};
+use super::active::{RIDGE, complementary};
+use super::descent::{ContactFilter, DescentOutcome, DescentProblem, DescentSettings, State};
 use super::energy::Energy;
-use super::history::Field;
+use super::history::{Field, add_scaled};
 use super::sparse::{Factor, FactorError};
+use crate::contact::ContactPlane;
 use crate::rest::{Relax, relax};
 
 /// Shifts of the diagonal that are tried if even the projected matrix has no factor, relative to
@@ -22,6 +29,9 @@ const SHIFTS: [f64; 4] = [1e-10, 1e-6, 1e-3, 1.0];
 
 /// Number of fields to which the inverse is applied at once.
 const AT_ONCE: usize = 2;
+
+/// Greatest number of times that rows which a step would break join it.
+const JOINING: usize = 16;
 
 /// A body prepared for the search of its equilibrium.
 pub struct Newton {
@@ -93,15 +103,23 @@ impl Newton {
     pub fn solve(
         &mut self,
         x: &mut [Point3<f64>],
+        contact: &mut impl ContactFilter,
         mut watch: impl FnMut(&DescentOutcome, &[Point3<f64>]) -> bool,
     ) -> Result<DescentOutcome, FactorError> {
+        let before = x.to_vec();
+        contact.push(&before, x);
         self.keep_volumes(x)?;
+        if contact.hold(x).is_none() {
+            contact.hold_all(x);
+        }
+        contact.accept(x);
         let state = self.problem.state(x);
         let multipliers = self.problem.first_multipliers(&state);
         let limit = self.problem.settings.iterations as usize;
         let mut descent = Descent {
             solver: self,
             x,
+            contact,
             state,
             multipliers,
             outcome: DescentOutcome {
@@ -142,6 +160,50 @@ impl Newton {
             .for_each(|fields| invert(problem, factor, numbers, fields));
     }
 
+    /// The step to the minimum of the quadratic energy over `rows` at `x`, and the multipliers of the
+    /// volumes; `pull` and `spreads` are those of [`DescentProblem::direction`].
+    fn step_over(
+        &mut self,
+        x: &[Point3<f64>],
+        state: &State,
+        pull: &Field,
+        spreads: &[Field],
+        mut rows: Vec<ContactPlane>,
+    ) -> (Field, Vec<f64>) {
+        let mut step = self.problem.direction(state, pull.clone(), spreads);
+        let free = step.0.clone();
+        let mut joined: Vec<Joined> = Vec::new();
+        for _ in 0..JOINING {
+            let is_broken = |row: &ContactPlane| row.room(x) + row.along(&step.0) < 0.0;
+            let (broken, others): (Vec<_>, Vec<_>) = rows.into_iter().partition(is_broken);
+            if broken.is_empty() {
+                break;
+            }
+            rows = others;
+            let before = joined.len();
+            joined.extend(broken.into_iter().map(|row| {
+                let mut pull = vec![Vector3::zeros(); x.len()];
+                row.spread(1.0, &mut pull);
+                Joined {
+                    row,
+                    moves: Field::new(),
+                    pull,
+                }
+            }));
+            self.invert(joined[before..].iter_mut().map(|joined| &mut joined.pull));
+            for joined in &mut joined[before..] {
+                joined.moves = self.problem.keeping(state, joined.pull.clone(), spreads);
+            }
+            let reactions = reactions(&joined, x, &free);
+            let mut pressed = pull.clone();
+            for (joined, reaction) in joined.iter().zip(&reactions) {
+                add_scaled(&mut pressed, *reaction, &joined.pull);
+            }
+            step = self.problem.direction(state, pressed, spreads);
+        }
+        step
+    }
+
     /// Factorises the second derivative, projected or shifted if necessary.
     fn factorise(&mut self, x: &[Point3<f64>], pressures: &[f64]) -> Result<(), FactorError> {
         let mut last = FactorError::NotPositiveDefinite { unknown: 0 };
@@ -179,21 +241,60 @@ impl Newton {
     }
 }
 
+/// A row that a step would break.
+struct Joined {
+    row: ContactPlane,
+    /// The displacement by a unit force of the row, and the same with the volumes kept.
+    pull: Field,
+    moves: Field,
+}
+
+/// The reactions of rows [N] that keep the displacement `free` over them at `x`: none pulls.
+fn reactions(joined: &[Joined], x: &[Point3<f64>], free: &[Vector3<f64>]) -> Vec<f64> {
+    let n = joined.len();
+    let mut matrix = DMatrix::from_fn(n, n, |i, j| joined[i].row.along(&joined[j].moves));
+    let own = matrix.diagonal();
+    let lack: Vec<f64> = joined
+        .iter()
+        .map(|joined| -(joined.row.room(x) + joined.row.along(free)))
+        .collect();
+    let ridged = own.map(|own| own * (1.0 + RIDGE));
+    matrix.set_diagonal(&ridged);
+    let mut found = complementary(&matrix, &lack);
+    // The sweeps choose the rows; these then hold exactly.
+    let pushing: Vec<usize> = (0..n).filter(|&i| found[i] > 0.0).collect();
+    let chosen = matrix.select_rows(&pushing).select_columns(&pushing);
+    let mut exact = chosen.clone();
+    exact.set_diagonal(&own.select_rows(&pushing));
+    if let Some(factor) = exact.cholesky().or_else(|| chosen.cholesky()) {
+        let right = DVector::from_iterator(pushing.len(), pushing.iter().map(|&i| lack[i]));
+        let exact = factor.solve(&right);
+        let each = pushing.iter().zip(exact.iter());
+        each.for_each(|(&i, exact)| found[i] = exact.max(0.0));
+    }
+    found
+}
+
 /// A body on its way to equilibrium.
-struct Descent<'a> {
+struct Descent<'a, G> {
     solver: &'a mut Newton,
     x: &'a mut [Point3<f64>],
+    contact: &'a mut G,
     state: State,
     multipliers: Vec<f64>,
     outcome: DescentOutcome,
 }
 
-impl Relax for Descent<'_> {
+impl<G: ContactFilter> Relax for Descent<'_, G> {
     type Error = FactorError;
 
     fn judge(&mut self) -> Result<bool, FactorError> {
         let problem = &self.solver.problem;
-        problem.judge(&self.state, &self.multipliers, |_| (), &mut self.outcome);
+        let touching = self.contact.touching();
+        let mut rows = self.contact.planes();
+        rows.retain(|row| row.room(self.x) <= touching);
+        let support = |force: &mut Field| problem.support_together(&rows, force);
+        problem.judge(&self.state, &self.multipliers, support, &mut self.outcome);
         self.solver.pressures = problem.pressures(&self.state, &self.multipliers);
         Ok(self.outcome.converged)
     }
@@ -206,6 +307,7 @@ impl Relax for Descent<'_> {
         let Self {
             solver,
             x,
+            contact,
             state,
             multipliers,
             outcome,
@@ -215,10 +317,13 @@ impl Relax for Descent<'_> {
         let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
         let mut spreads = state.areas.clone();
         solver.invert([&mut pull].into_iter().chain(&mut spreads));
-        let problem = &solver.problem;
         let direction;
-        (direction, *multipliers) = problem.direction(state, pull, &spreads);
-        let complete = |end: &mut [Point3<f64>]| problem.keep_volumes(end, &spreads);
+        let mut rows = contact.planes();
+        let is_free = |(v, w): &(u32, f64)| *w != 0.0 && solver.problem.unknowns.of(*v).is_some();
+        rows.retain(|row| row.terms.iter().any(is_free));
+        (direction, *multipliers) = solver.step_over(x, state, &pull, &spreads, rows);
+        let problem = &solver.problem;
+        let complete = |end: &mut [Point3<f64>]| problem.complete_trial(x, end, &spreads, *contact);
         let Some((end, new)) =
             problem.search(x, (state, multipliers), &direction, outcome, complete)
         else {
@@ -227,6 +332,7 @@ impl Relax for Descent<'_> {
         outcome.iterations += 1;
         x.copy_from_slice(&end);
         solver.problem.energy.remember(x);
+        contact.accept(x);
         *state = new;
         Ok(true)
     }

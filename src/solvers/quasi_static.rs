@@ -15,7 +15,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::active::{Active, Touched};
 use super::descent::{
-    ContactFilter, DescentOutcome, DescentProblem, DescentSettings, ROUNDED, State,
+    ContactFilter, DescentOutcome, DescentProblem, DescentSettings, KEEPING, ROUNDED, State,
 };
 use super::energy::Energy;
 use super::history::{Field, History};
@@ -33,10 +33,6 @@ const MEMORY: usize = 8;
 /// Number of iterations that reuse the inverse of the volumes' gradients: it changes little and is
 /// half of the solves. Any field that changes a volume can correct it exactly.
 const KEPT: u32 = 4;
-
-/// Greatest number of rounds in which volumes are corrected and motion through something is taken
-/// back.
-const KEEPING: usize = 4;
 
 /// Greatest number of rounds of contact and volume before a minimisation.
 const SETTLING: usize = 8;
@@ -296,18 +292,7 @@ impl QuasiStatic {
             if !is_coupled(rows) {
                 lift(problem, laplacian, touched, active, rows, end);
             }
-            contact.push(x, end);
-            for _ in 0..KEEPING {
-                if !problem.keep_volumes(end, spreads) {
-                    return false;
-                }
-                match contact.hold(end) {
-                    Some(false) => return true,
-                    Some(true) => {}
-                    None => return false,
-                }
-            }
-            false
+            problem.complete_trial(x, end, spreads, contact)
         })
     }
 

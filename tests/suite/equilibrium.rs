@@ -210,7 +210,9 @@ impl Tube {
         let mut solver =
             Newton::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("memory");
         let mut x = start.to_vec();
-        let outcome = solver.solve(&mut x, |_, _| true).expect("held");
+        let outcome = solver
+            .solve(&mut x, &mut NoContact, |_, _| true)
+            .expect("held");
         assert!(outcome.converged, "{outcome:?}");
         x
     }
@@ -368,6 +370,23 @@ fn a_tube_on_a_floor_balances_its_weight() {
             assert!(force(v).norm() <= scale, "vertex {v}: {}", force(v));
         }
     }
+    // Newton's method finds the same load by another way.
+    let settings = DescentSettings {
+        tolerance: 1e-11,
+        iterations: 100,
+    };
+    let mut newton = Newton::new(energy(), &x, &tube.inverse_mass, settings).expect("memory");
+    let mut exact = tube.mesh.vertices.clone();
+    let found = newton.solve(&mut exact, &mut floor, |_, _| true);
+    let found = found.expect("held");
+    println!(
+        "floor: {} iterations, residual {:e}",
+        found.iterations, found.residual
+    );
+    assert!(found.converged, "{found:?}");
+    let off = apart(&x, &exact);
+    assert!(off <= T15 * tube.mesh.length(), "{off:e} m apart");
+    assert!(exact.iter().all(|p| p.y >= floor.height));
     // Without a floor the body hangs lower.
     let mut free = tube.mesh.vertices.clone();
     assert!(
@@ -379,6 +398,164 @@ fn a_tube_on_a_floor_balances_its_weight() {
         free.iter().any(|p| p.y < floor.height - 1e-3),
         "control: the floor bears nothing"
     );
+}
+
+/// A ball, as an obstacle for single vertices.
+struct Ball {
+    centre: Point3<f64>,
+    radius: f64,
+    x: Vec<Point3<f64>>,
+}
+
+impl ContactFilter for Ball {
+    fn planes(&self) -> Vec<ContactPlane> {
+        let row = |(v, x): (usize, &Point3<f64>)| ContactPlane {
+            terms: [(v as u32, 1.0), (0, 0.0), (0, 0.0), (0, 0.0)],
+            normal: (x - self.centre).normalize(),
+            origin: self.centre,
+            distance: self.radius,
+        };
+        self.x.iter().enumerate().map(row).collect()
+    }
+    fn touching(&self) -> f64 {
+        1e-9
+    }
+    fn push(&mut self, _: &[Point3<f64>], x: &mut [Point3<f64>]) {
+        for p in x {
+            let from = *p - self.centre;
+            if from.norm() < self.radius {
+                *p = self.centre + from * (self.radius / from.norm());
+            }
+        }
+    }
+    fn accept(&mut self, x: &[Point3<f64>]) {
+        self.x = x.to_vec();
+    }
+}
+
+#[test]
+fn a_tube_over_a_ball_has_one_equilibrium_by_both_solvers() {
+    let tube = Tube::new();
+    let bounds = tube.mesh.bounding_box();
+    let radius = 0.5 * bounds.extents().x;
+    let mut ball = Ball {
+        centre: Point3::new(
+            bounds.center().x,
+            bounds.min.y - radius - 0.005,
+            bounds.center().z,
+        ),
+        radius,
+        x: tube.mesh.vertices.clone(),
+    };
+    let weight = Vector3::new(0.0, -0.2, 0.0);
+    let energy = || Energy {
+        forces: vec![weight; tube.mesh.vertices.len()],
+        ..tube.energy(1e-6)
+    };
+    let solved = |tolerance: f64, ball: &mut Ball| {
+        let settings = DescentSettings {
+            tolerance,
+            iterations: 5000,
+        };
+        let mut x = tube.mesh.vertices.clone();
+        ball.x.clone_from(&x);
+        let mut solver =
+            QuasiStatic::new(energy(), &x.clone(), &tube.inverse_mass, settings).expect("held");
+        let outcome = solver.solve(&mut x, ball, |_, _| true);
+        assert!(outcome.converged, "{outcome:?}");
+        x
+    };
+    let x = solved(1e-7, &mut ball);
+    let settings = DescentSettings {
+        tolerance: 1e-10,
+        iterations: 200,
+    };
+    let mut newton = Newton::new(energy(), &x, &tube.inverse_mass, settings).expect("memory");
+    let mut exact = tube.mesh.vertices.clone();
+    ball.x.clone_from(&exact);
+    let found = newton.solve(&mut exact, &mut ball, |_, _| true);
+    let found = found.expect("held");
+    let (centre, radius) = (ball.centre, ball.radius);
+    let height = |p: &Point3<f64>| (p - centre).norm() - radius;
+    let touching = exact.iter().filter(|p| height(p) <= 1e-9).count();
+    let off = apart(&x, &exact);
+    println!(
+        "ball: {} iterations, residual {:e}, {touching} vertices touch, {off:e} m apart",
+        found.iterations, found.residual
+    );
+    assert!(found.converged, "{found:?}");
+    assert!(touching >= 3, "{touching}");
+    let rounded = 8.0 * f64::EPSILON * (ball.radius + ball.centre.coords.norm());
+    assert!(exact.iter().all(|p| height(p) >= -rounded));
+    assert!(off <= T15 * tube.mesh.length(), "{off:e} m apart");
+    // Controls: a solution stopped early is further away, and without the ball the tube hangs lower.
+    let early = solved(1e-3, &mut ball);
+    assert!(!(apart(&early, &exact) <= T15 * tube.mesh.length()));
+    let mut free = tube.mesh.vertices.clone();
+    let found = newton.solve(&mut free, &mut NoContact, |_, _| true);
+    assert!(found.expect("held").converged);
+    assert!(free.iter().any(|p| height(p) < -1e-3));
+}
+
+/// Two vertices that stay a distance apart along y.
+struct Gap(f64);
+
+impl ContactFilter for Gap {
+    fn planes(&self) -> Vec<ContactPlane> {
+        vec![ContactPlane {
+            terms: [(2, 1.0), (1, -1.0), (0, 0.0), (0, 0.0)],
+            normal: Vector3::y(),
+            origin: Point3::origin(),
+            distance: self.0,
+        }]
+    }
+    fn touching(&self) -> f64 {
+        1e-9
+    }
+    fn push(&mut self, _: &[Point3<f64>], x: &mut [Point3<f64>]) {
+        let lack = self.0 - (x[2].y - x[1].y);
+        if lack > 0.0 {
+            x[2].y += 0.5 * lack;
+            x[1].y -= 0.5 * lack;
+        }
+    }
+    fn accept(&mut self, _: &[Point3<f64>]) {}
+}
+
+#[test]
+fn parts_that_push_each_other_share_the_load_by_their_stiffness() {
+    // Held at y = 0 and 4, springs of 300 and 100 N/m and 1 m, and a gap of 0.5 m between their
+    // ends at 1 and 3, which a force of 250 N closes from above.
+    let heights = [0.0, 1.0, 3.0, 4.0];
+    let x = heights.map(|y| Point3::new(0.0, y, 0.0)).to_vec();
+    let spring = |points| Distance { points, rest: 1.0 };
+    let energy = || Energy {
+        elastic: vec![Box::new(Quadratic::<_, 2>::new(
+            vec![spring([0, 1]), spring([2, 3])],
+            vec![300.0, 100.0],
+        ))],
+        forces: [0.0, 0.0, -250.0, 0.0].map(|f| Vector3::y() * f).to_vec(),
+        ..Energy::default()
+    };
+    let inverse_mass = [0.0, 1.0, 1.0, 0.0];
+    let settings = DescentSettings {
+        tolerance: 1e-12,
+        iterations: 50,
+    };
+    // Equal motion from where they touch: 250 = 100 (1.5 + d) + 300 d.
+    let d = (250.0 - 150.0) / 400.0;
+    let mut newton = Newton::new(energy(), &x, &inverse_mass, settings).expect("memory");
+    let mut end = x.clone();
+    let found = newton.solve(&mut end, &mut Gap(0.5), |_, _| true);
+    let found = found.expect("held");
+    assert!(found.converged && found.iterations <= 3, "{found:?}");
+    assert!((end[1].y - (1.0 - d)).abs() <= 1e-12, "{}", end[1].y);
+    assert!((end[2].y - (1.5 - d)).abs() <= 1e-12, "{}", end[2].y);
+    // Control: without the row the upper one goes past the lower one.
+    let mut past = x.clone();
+    let found = newton.solve(&mut past, &mut NoContact, |_, _| true);
+    assert!(found.expect("held").converged);
+    assert!((past[2].y - 0.5).abs() <= 1e-12, "{}", past[2].y);
 }
 
 #[test]
@@ -535,7 +712,9 @@ fn several_volumes_are_kept_at_once() {
         let quasi = x.clone();
         let (energy, ..) = two_tubes(1.0, joined, shares, 0.0);
         let mut newton = Newton::new(energy, &start, &inverse_mass, settings).expect("held");
-        let outcome = newton.solve(&mut x, |_, _| true).expect("a factor");
+        let outcome = newton
+            .solve(&mut x, &mut NoContact, |_, _| true)
+            .expect("a factor");
         assert!(outcome.converged, "{outcome:?}");
         assert!(worst(kept(&x).iter().zip(shares).map(|(a, b)| (a - b).abs())) <= T2);
         assert!(
@@ -563,7 +742,7 @@ fn several_volumes_are_kept_at_once() {
     x.copy_from_slice(&apart);
     assert!(
         newton
-            .solve(&mut x, |_, _| true)
+            .solve(&mut x, &mut NoContact, |_, _| true)
             .expect("a factor")
             .converged
     );

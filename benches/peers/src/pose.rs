@@ -105,7 +105,7 @@ impl Task {
         }
         let limits = Limits { tolerance: 1e-10, iterations: 50 };
         let mut newton = Newton::new(self.energy(), &self.mesh.vertices, &self.inverse_mass, limits).expect("memory");
-        let outcome = newton.solve(&mut x, |_, _| true).expect("both ends are held");
+        let outcome = newton.solve(&mut x, &mut NoContact, |_, _| true).expect("both ends are held");
         assert!(outcome.converged, "the reference is not: {outcome:?}");
         // An angle of rapier3d has no sign. A flat hinge would give another energy.
         let sign = |h: &&Bending| dihedral(&h.points.map(|p| x[p as usize])) * h.rest > 0.0;

@@ -10,6 +10,7 @@ use super::SpringsError;
 use crate::constraints::Stencils;
 use crate::constraints::spring::{Between, Linear, Spring, SpringLaw};
 use crate::fibres::template::{Sampling, Template};
+use crate::solvers::NoContact;
 use crate::solvers::descent::DescentSettings;
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
@@ -58,7 +59,7 @@ pub fn rest(
     };
     let energy = energy(springs.into_iter().map(cord));
     let mut newton = Newton::new(energy, positions, &inverse_mass(&held), SETTINGS)?;
-    let end = newton.solve(positions, |_, _| true)?;
+    let end = newton.solve(positions, &mut NoContact, |_, _| true)?;
     if end.converged {
         Ok(())
     } else {

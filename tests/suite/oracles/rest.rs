@@ -78,7 +78,9 @@ impl Body {
             let mut solver =
                 Newton::new(self.energy(x), x, &self.inverse_mass(), settings).expect("memory");
             solver.problem.settings.tolerance = self.left / solver.problem.force_scale();
-            let outcome = solver.solve(x, |_, _| true).expect("nothing moves freely");
+            let outcome = solver
+                .solve(x, &mut NoContact, |_, _| true)
+                .expect("nothing moves freely");
             assert!(outcome.converged, "{outcome:?}");
         }
     }

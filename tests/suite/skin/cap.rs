@@ -8,7 +8,7 @@ use pliant::constraints::{Distance, EnclosedVolume, Quadratic};
 use pliant::mesh::measures::area;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::skin::{BaseShape, Implant, SILICONE};
-use pliant::solvers::{DescentSettings, Energy, Newton};
+use pliant::solvers::{DescentSettings, Energy, Newton, NoContact};
 use pliant::testing::internals::skin::{springs_of, upper};
 
 /// Rings of the membrane, and radius of the circle [m].
@@ -96,7 +96,9 @@ fn inflate(
         iterations: 100,
     };
     let mut newton = Newton::new(energy, x, &inverse_mass, settings).expect("a factor");
-    let outcome = newton.solve(x, |_, _| true).expect("a solution");
+    let outcome = newton
+        .solve(x, &mut NoContact, |_, _| true)
+        .expect("a solution");
     assert!(outcome.converged, "{outcome:?}");
 }
 
