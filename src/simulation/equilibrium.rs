@@ -116,8 +116,11 @@ impl Equilibrium {
         let outcome = match &mut system.contacts {
             None => {
                 self.solver.follow(x, &held, &mut NoContact);
-                self.solver
-                    .solve(x, &mut NoContact, |_, _| !of.stop.is_asked())
+                let watch = |_: &DescentOutcome, x: &[Point3<f64>]| {
+                    of.stop.spend_trial(x.len());
+                    !of.stop.is_asked()
+                };
+                self.solver.solve(x, &mut NoContact, watch)
             }
             Some(contacts) => {
                 let mut bones = Bones::new(contacts, &mut self.scratch, placed, of.stop);
@@ -280,6 +283,7 @@ impl ContactFilter for Bones<'_> {
     }
 
     fn push(&mut self, start: &[Point3<f64>], x: &mut [Point3<f64>]) {
+        self.stop.spend_trial(x.len());
         self.contacts.begin_step(start);
         self.scratch.position.copy_from_slice(x);
         self.contacts.project(&self.placed, self.scratch);

@@ -1,6 +1,6 @@
 //! A frame: its steps, the repetition with shorter ones, and the stop by a progress.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::sync::mpsc::RecvTimeoutError;
 use std::thread;
@@ -25,22 +25,28 @@ pub(super) const SETTLED: f64 = 2e-4;
 /// A progress is asked after this time whether to stop.
 const ASKED_EVERY: Duration = Duration::from_millis(20);
 
+/// Number of steps that take about as long as a trial of a minimisation over the same vertices, with contact.
+const OF_TRIAL: usize = 30;
+
 /// Number of times in a frame that velocities even out.
 const VISCOUS_STEPS: usize = 8;
 
 impl Simulation {
     /// Computes the next frame.
     pub fn step_frame(&mut self) {
-        self.frame_unless(Stop(None));
+        self.frame_unless(None);
     }
 
     /// Computes the next frame, unless the progress stops it: it is asked many times a second.
-    /// Then everything is as before the frame. In a pool of threads the progress is not asked.
+    /// Then everything is as before the frame; so it is after one for which the work did not last. In a
+    /// pool of threads the progress is not asked.
     pub fn step_frame_with(&mut self, progress: &dyn Progress) -> Stepped {
         // A thread of a pool that waits for others of it could wait for ever.
         if rayon::current_thread_index().is_some() {
-            self.step_frame();
-            return Stepped::Done;
+            return match self.frame_unless(None) {
+                true => Stepped::Done,
+                false => Stepped::Interrupted,
+            };
         }
         let asked = AtomicBool::new(false);
         let (held, dropped) = mpsc::channel::<()>();
@@ -48,7 +54,7 @@ impl Simulation {
             let worker = thread::Builder::new().spawn_scoped(scope, || {
                 // Dropped at the end, after a panic as well.
                 let _held = held;
-                self.frame_unless(Stop(Some(&asked)))
+                self.frame_unless(Some(&asked))
             });
             let worker = worker.ok()?;
             while dropped.recv_timeout(ASKED_EVERY) == Err(RecvTimeoutError::Timeout) {
@@ -63,14 +69,26 @@ impl Simulation {
             Some(Ok(false)) => Stepped::Interrupted,
             Some(Err(panic)) => std::panic::resume_unwind(panic),
             // The system has no thread left.
-            None => {
-                self.step_frame();
-                Stepped::Done
-            }
+            None => match self.frame_unless(None) {
+                true => Stepped::Done,
+                false => Stepped::Interrupted,
+            },
         }
     }
 
-    fn frame_unless(&mut self, stop: Stop<'_>) -> bool {
+    fn frame_unless(&mut self, asked: Option<&AtomicBool>) -> bool {
+        let done = AtomicU64::new(self.work);
+        let stop = Stop {
+            asked,
+            done: &done,
+            most: self.most_work,
+        };
+        let ended = self.frame_in_pool(stop);
+        self.work = done.into_inner();
+        ended
+    }
+
+    fn frame_in_pool(&mut self, stop: Stop<'_>) -> bool {
         match self.pool.take() {
             Some(pool) => {
                 let done = pool.install(|| self.compute_frame(stop));
@@ -187,7 +205,7 @@ impl Simulation {
     fn try_frame(&mut self, is_last_try: bool, stop: Stop<'_>) {
         let substeps = self.control.steps();
         for body in &mut self.bodies {
-            self.work += u64::from(substeps) * body.system.particles.len() as u64;
+            stop.spend(substeps as usize * body.system.particles.len());
             body.jump = None;
             let (parts, whole) = if self.scene.solver.has_classic_stiffness() {
                 (substeps / self.substeps, self.substeps)
@@ -298,18 +316,36 @@ impl Simulation {
     }
 }
 
-/// Whether the computation of a frame is to end.
+/// Whether the computation of a frame is to end: somebody asks for it, or the work is spent. A frame that
+/// spends it ends at another place with other threads, but is undone with any.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stop<'a>(Option<&'a AtomicBool>);
+pub(super) struct Stop<'a> {
+    asked: Option<&'a AtomicBool>,
+    done: &'a AtomicU64,
+    most: u64,
+}
 
 impl Stop<'_> {
-    /// False if nobody can ask for a stop.
+    /// False if nothing can stop the frame.
     pub(super) fn can_come(self) -> bool {
-        self.0.is_some()
+        self.asked.is_some() || self.most < u64::MAX
     }
 
     pub(super) fn is_asked(self) -> bool {
-        self.0.is_some_and(|asked| asked.load(Ordering::Relaxed))
+        let asked = self
+            .asked
+            .is_some_and(|asked| asked.load(Ordering::Relaxed));
+        asked || self.done.load(Ordering::Relaxed) > self.most
+    }
+
+    /// Notes steps, times vertices.
+    fn spend(self, steps: usize) {
+        self.done.fetch_add(steps as u64, Ordering::Relaxed);
+    }
+
+    /// Notes a trial of a minimisation over so many vertices.
+    pub(super) fn spend_trial(self, vertices: usize) {
+        self.spend(OF_TRIAL * vertices);
     }
 }
 

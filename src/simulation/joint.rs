@@ -22,9 +22,11 @@ use crate::solvers::sparse::FactorError;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Greatest motion of a vertex in one part of the motion to new poses, in contact thicknesses, and
-/// the greatest number of parts.
+/// the greatest number of parts. A thickness below a share of an edge counts as that share: what is thin
+/// beside its mesh needs no finer parts.
 const PART: f64 = 0.05;
 const MOST_PARTS: usize = 200;
+const OF_EDGE: f64 = 0.1;
 
 /// Share of all vertices beyond which a trial that crosses at more pairs is shortened as a whole.
 const MANY: f64 = 0.02;
@@ -207,6 +209,8 @@ struct Around<'a> {
     /// True once the bones are where the step brings them.
     is_there: bool,
     thickness: f64,
+    /// The shortest of the bodies' median edges [m].
+    edge: f64,
     stop: Stop<'a>,
 }
 
@@ -218,6 +222,8 @@ impl<'a> Around<'a> {
         of: &FrameSteps<'a>,
         placed: &[PosedObstacle],
     ) -> Self {
+        let edges = bodies.iter().map(|body| body.edge_length);
+        let edge = edges.min_by(f64::total_cmp).unwrap_or(0.0);
         let each = bodies.iter_mut().map(|body| {
             let Body { system, method, .. } = &mut **body;
             let Stepper::Minimum(equilibrium) = method else {
@@ -237,6 +243,7 @@ impl<'a> Around<'a> {
             bounds: Aabb::EMPTY,
             is_there: false,
             thickness: of.thickness,
+            edge,
             stop: of.stop,
         }
     }
@@ -288,7 +295,7 @@ impl ContactFilter for Around<'_> {
 
     fn parts(&self, displacement: &[Vector3<f64>]) -> usize {
         let most = max_or_nan(displacement.iter().map(|d| d.norm()).chain(self.of_bones()));
-        let parts = most / (PART * self.thickness);
+        let parts = most / (PART * self.thickness.max(OF_EDGE * self.edge));
         if parts >= 1.0 {
             (parts.ceil() as usize).min(MOST_PARTS)
         } else {
@@ -310,8 +317,9 @@ impl ContactFilter for Around<'_> {
 
     fn push(&mut self, start: &[Point3<f64>], x: &mut [Point3<f64>]) {
         for (bones, range) in self.bones.iter_mut().zip(&self.ranges) {
-            if let Some(bones) = bones {
-                bones.push(&start[range.clone()], &mut x[range.clone()]);
+            match bones {
+                Some(bones) => bones.push(&start[range.clone()], &mut x[range.clone()]),
+                None => self.stop.spend_trial(range.len()),
             }
         }
         self.meeting.respond(&mut slices_mut(&self.ranges, x), None);

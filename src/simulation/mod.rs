@@ -99,8 +99,9 @@ pub struct Simulation {
     substeps: u32,
     /// Number of steps of the frames, beside that of the scene.
     control: StepControl,
-    /// Steps of vertices so far, with those of tries that were undone.
+    /// Steps of vertices so far, with those of tries that were undone, and the most that there may be.
     work: u64,
+    most_work: u64,
     /// Where frames are computed; `None`: in the pool of the caller.
     pool: Option<rayon::ThreadPool>,
 }
@@ -160,6 +161,7 @@ impl Simulation {
             substeps,
             control: StepControl::new(&scene),
             work: 0,
+            most_work: u64::MAX,
             pool: None,
             scene,
         };
@@ -202,10 +204,15 @@ impl Simulation {
         self.certificate
     }
 
-    /// The work of all frames since it was made: the number of steps times that of vertices, with steps of
-    /// tries that were undone. Unlike a time it is the same on any machine.
+    /// The work of all frames since it was made: the number of steps times that of vertices, with those that
+    /// were undone. A trial of a minimisation counts as 30 steps. Unlike a time it is the same on any machine.
     pub fn work(&self) -> u64 {
         self.work
+    }
+
+    /// Sets the most work of all frames: one in which it is spent is undone and counts as interrupted.
+    pub fn limit_work(&mut self, most: u64) {
+        self.most_work = most;
     }
 
     /// Computes frames on `threads` threads of its own, or on those of the caller if the system
@@ -255,6 +262,7 @@ impl State for Simulation {
             substeps: _,
             control,
             work: _,
+            most_work: _,
             pool: _,
             freed: _,
         } = self;

@@ -26,6 +26,10 @@ const MOST_ADAPTED: u32 = 64;
 /// Greatest number that a residual asks for, relative to the first one: where it falls as slowly as that of a
 /// muscle that crumples, more are too dear, and what is not converged is red.
 const MOST_FOLLOWED: u32 = 32;
+/// Frames that are longer than those of this rate [Hz] have as many times more, up to a limit: what a
+/// motion needs is short steps, however its frames are cut.
+const USUAL_RATE: f64 = 60.0;
+const MOST_LONGER: f64 = 64.0;
 const MOST_PARTS: u32 = 256;
 
 /// Number of calm frames after which steps become longer again.
@@ -34,6 +38,10 @@ const CALM: u32 = 8;
 /// Twice as many steps bring a residual below this share of itself, or they do not help: they bring an
 /// error of the steps to a quarter.
 const LESS: f64 = 0.7;
+
+/// So many times shorter steps are tried before they count as no help: where they are far too long, twice as
+/// many bring a residual to nine tenths, and the quarter comes later. Once that was in vain, fewer are tried.
+const PATIENCE: (u32, u32) = (8, 2);
 
 /// A residual that shorter steps did not lessen is accepted up to this multiple of it.
 const ACCEPTED: f64 = 1.5;
@@ -58,6 +66,8 @@ pub(super) struct StepControl {
     steps: u32,
     first: u32,
     most: u32,
+    /// Greatest number for the sake of the residual, relative to the first one.
+    most_followed: u32,
     /// Whether it follows the residual, the number up to which shorter steps are known to help, and
     /// whether the present frame proves it for a greater one.
     follows: bool,
@@ -73,10 +83,13 @@ pub(super) struct StepControl {
     /// Number of frames that were repeated for a jump, and for their residual.
     repeated: u64,
     refined: u64,
-    /// The greatest residual that is accepted, relative to the tolerance, and that of the last try of
-    /// the present frame.
+    /// The greatest residual that is accepted, relative to the tolerance, and the last one of the present
+    /// frame that shorter steps lessened, with its number of steps.
     accepted: f64,
     tried: f64,
+    tried_with: u32,
+    /// So many times shorter steps are tried before they count as no help.
+    patience: u32,
 }
 
 /// A frame that is made with half of the steps and with all, to see whether they help.
@@ -92,6 +105,13 @@ impl StepControl {
     /// Begins with the number of steps of the scene, or with the first one if it names none.
     pub fn new(scene: &Scene) -> Self {
         let (first, follows) = (scene.solver.substeps(), scene.adapts_steps);
+        let longer = USUAL_RATE / scene.frame_rate;
+        let longer = longer.clamp(1.0, MOST_LONGER).ceil() as u32;
+        let most = match scene.solver.has_classic_stiffness() {
+            true => MOST_PARTS,
+            false if follows => longer * MOST_ADAPTED,
+            false => MOST,
+        };
         Self {
             steps: first,
             first,
@@ -101,15 +121,17 @@ impl StepControl {
             taken: first,
             has_risen: false,
             rises_above: RISE.1,
-            most: match scene.solver.has_classic_stiffness() {
-                true => MOST_PARTS,
-                false if scene.adapts_steps => MOST_ADAPTED,
-                false => MOST,
+            most,
+            most_followed: match follows {
+                true => most.min(longer * MOST_FOLLOWED),
+                false => most,
             },
             calm: 0,
             repeated: 0,
             refined: 0,
             tried: f64::INFINITY,
+            tried_with: first,
+            patience: PATIENCE.0,
             accepted: 1.0,
         }
     }
@@ -120,6 +142,7 @@ impl StepControl {
         let Self {
             first,
             most,
+            most_followed,
             follows,
             ..
         } = *by;
@@ -129,6 +152,7 @@ impl StepControl {
             steps,
             first,
             most,
+            most_followed,
             follows,
             proved: steps,
             taken: steps,
@@ -179,11 +203,7 @@ impl StepControl {
 
     /// Greatest number of steps for the sake of the residual.
     fn greatest_for_residual(&self) -> u32 {
-        let most = match self.follows {
-            true => MOST_FOLLOWED.min(self.most),
-            false => self.most,
-        };
-        self.first.saturating_mul(most)
+        self.first.saturating_mul(self.most_followed.min(self.most))
     }
 
     /// True if no shorter steps are tried.
@@ -225,15 +245,21 @@ impl StepControl {
         if !(residual > self.accepted) {
             return false;
         }
+        let is_last = self.steps.saturating_mul(2) > self.greatest_for_residual();
         if residual > LESS * self.tried {
-            self.accepted = ACCEPTED * residual;
-            self.steps = (self.steps / 2).max(self.first);
+            if is_last || self.steps >= self.patience.saturating_mul(self.tried_with) {
+                self.patience = PATIENCE.1;
+                self.accepted = ACCEPTED * residual;
+                self.steps = self.tried_with;
+                self.proved = self.steps;
+                return false;
+            }
+        } else {
+            (self.tried, self.tried_with) = (residual, self.steps);
+        }
+        if is_last {
             return false;
         }
-        if self.steps.saturating_mul(2) > self.greatest_for_residual() {
-            return false;
-        }
-        self.tried = residual;
         self.refined += 1;
         self.double();
         self.proved = self.steps;
@@ -248,6 +274,7 @@ impl StepControl {
     /// Ends a frame.
     pub fn end_frame(&mut self) {
         self.taken = self.steps;
+        (self.tried, self.tried_with) = (f64::INFINITY, self.first);
     }
 
     /// Notes a frame without a jump, with its residual relative to the tolerance.
@@ -297,6 +324,7 @@ impl State for StepControl {
             steps,
             first: _,
             most: _,
+            most_followed: _,
             follows: _,
             proved,
             // Each frame begins with it.
@@ -308,8 +336,10 @@ impl State for StepControl {
             repeated,
             refined,
             accepted,
+            patience,
             // Each frame begins without one.
             tried: _,
+            tried_with: _,
         } = self;
         to.put(steps);
         to.put(proved);
@@ -320,6 +350,7 @@ impl State for StepControl {
         to.put(repeated);
         to.put(refined);
         to.put(accepted);
+        to.put(patience);
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
@@ -333,6 +364,7 @@ impl State for StepControl {
             repeated: from.take()?,
             refined: from.take()?,
             accepted: from.take()?,
+            patience: from.take()?,
             ..*self
         };
         let (steps, range) = (self.steps, self.first..=self.greatest());
@@ -358,9 +390,11 @@ mod tests {
     fn following() -> StepControl {
         let scene = load("volume", &[]).expect("a scene");
         StepControl {
+            tried_with: 20,
             steps: 20,
             first: 20,
             most: 64,
+            most_followed: super::MOST_FOLLOWED,
             follows: true,
             proved: 20,
             taken: 20,
@@ -444,6 +478,31 @@ mod tests {
         let of = |steps: u32| 200.0 * (20.0 / f64::from(steps)).powi(2);
         let taken = (0..300).map(|_| frame(&mut control, of).0).last();
         assert!(of(taken.expect("frames")) <= 0.4);
+    }
+
+    #[test]
+    fn steps_that_are_far_too_long_become_short_enough() {
+        // The press with a tenth of its frames: 20 to 640 steps of a frame.
+        let measured = |steps: u32| match steps {
+            0..40 => 1.6,
+            40..80 => 1.46,
+            80..160 => 1.18,
+            160..320 => 0.7,
+            320..640 => 0.26,
+            _ => 0.08,
+        };
+        let mut control = following();
+        let (taken, made) = frame(&mut control, measured);
+        assert_eq!((taken, made), (160, 4));
+        // Control: what no steps lessen is found out once, and the number goes back.
+        let mut control = following();
+        assert_eq!(frame(&mut control, |_| 1.6), (20, 4));
+        assert_eq!(frame(&mut control, |_| 1.7).1, 1);
+        assert_eq!(
+            frame(&mut control, |_| 4.0).1,
+            2,
+            "once with so much patience"
+        );
     }
 
     #[test]

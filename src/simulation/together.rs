@@ -285,6 +285,13 @@ impl Group {
         // A minimum ends with contact and volume satisfied.
         if let Some(last) = of.steps.last().filter(|_| self.joint.is_none()) {
             settle(meeting, bodies, last, of);
+            // What contact at the end threw apart is a jump as well.
+            moving(bodies).for_each(|body| {
+                body.stops_or_jumps(of, of.steps.len() - 1);
+            });
+            if !of.is_last_try && bodies.iter().any(|body| body.jump.is_some()) {
+                return;
+            }
         }
         meeting.note_gaps();
         // A muscle that goes back to the frame before is not kept in order with what moved on.
@@ -294,8 +301,12 @@ impl Group {
             open: stopped as u64,
             ..Certificate::default()
         });
-        for body in bodies.iter_mut().filter(|body| body.stopped.is_none()) {
-            body.good.clone_from(&body.system.particles);
+        for body in bodies.iter_mut() {
+            match body.stopped {
+                None => body.good.clone_from(&body.system.particles),
+                // It stands still, whatever met it.
+                Some(_) => body.system.particles.clone_from(&body.good),
+            }
         }
     }
 

@@ -155,6 +155,9 @@ impl QuasiStatic {
         }
         let parts = contact.parts(&displacement);
         for part in 1..=parts {
+            if contact.is_stopped() {
+                break;
+            }
             let start = x.to_vec();
             let each = x.iter_mut().zip(&displacement);
             each.for_each(|(x, d)| *x += d / parts as f64);

@@ -56,7 +56,7 @@ pub struct Case {
     pub changes: Vec<String>,
     /// Number of changes that all cases have.
     pub common: usize,
-    /// Whether its numbers leave a decade around those of the scene.
+    /// Whether its numbers leave a decade around those of the scene, or its solver is another one.
     pub beyond: bool,
     /// Whether no bone moves.
     pub still: bool,
@@ -138,13 +138,19 @@ impl Drawing {
         }
     }
 
+    /// The changes of all cases.
+    pub fn common(&self) -> &[String] {
+        &self.common
+    }
+
     /// The case with this number; the same for the same seed.
     pub fn case(&self, number: usize) -> Case {
         // Far apart for neighbouring seeds, whose streams would else be the same but for a shift.
         let of_seed = (pliant::random::units(self.seed)() * 2_f64.powi(53)) as u64;
         let mut next = pliant::random::units((of_seed << 11).wrapping_add(number as u64));
-        let beyond = number % 2 == 1;
-        let decades = if beyond { BEYOND } else { USUAL };
+        let wide = number % 2 == 1;
+        let decades = if wide { BEYOND } else { USUAL };
+        let mut beyond = wide;
         let mut changes = self.common.clone();
         if let Some(solver) = &self.solver
             && next() < 0.25
@@ -153,8 +159,11 @@ impl Drawing {
             let other = others[index(next(), others.len())];
             changes.retain(|change| !change.starts_with("solver."));
             changes.push(format!("solver={}", other.key));
-            // Steps of a whole frame with inertia stay as long as those of the scene.
-            if other.question == Some(SolverQuestion::Motion) && other.default.substeps() == 1 {
+            // The numbers of the scene suit its own solver.
+            beyond = true;
+            // Steps of a whole frame stay as long as those of the scene.
+            if other.question != Some(SolverQuestion::Equilibrium) && other.default.substeps() == 1
+            {
                 let (solver, steps) = (other.key, self.shortened);
                 changes.push(format!("solver.{solver}.substeps={steps}"));
             }
@@ -178,7 +187,7 @@ impl Drawing {
             };
             let factor = three_digits(factor(next(), decades));
             let value = scaled(value, factor);
-            let kept = if beyond { value } else { within(key, value) };
+            let kept = if wide { value } else { within(key, value) };
             drawn.push(format!("{key}={kept}"));
         }
         let still = !self.motion.is_empty() && next() < STILL;
@@ -187,7 +196,7 @@ impl Drawing {
         } else if next() < 0.25 {
             let factor = three_digits(factor(next(), decades));
             // The motion of the scene is the widest that it is made for.
-            drawn.extend(self.moved(if beyond { factor } else { factor.min(1.0) }));
+            drawn.extend(self.moved(if wide { factor } else { factor.min(1.0) }));
         }
         if let Some(rate) = self.frame_rate.as_ref().filter(|_| next() < 0.25) {
             let factor = three_digits(factor(next(), decades));
@@ -441,11 +450,11 @@ mod tests {
             .expect("frames");
         let steps = format!("substeps={}", (frames as usize).div_ceil(30));
         for (case, solver) in others {
-            let inertia = solver == "implicit_euler";
+            let has_steps = solver != "quasi_static";
             let has = case.changes[..case.common]
                 .iter()
                 .any(|c| *c == format!("solver.{solver}.{steps}"));
-            assert_eq!(has, inertia, "{solver}: {:?}", case.changes);
+            assert_eq!(has, has_steps, "{solver}: {:?}", case.changes);
         }
     }
 }

@@ -7,6 +7,8 @@
 
 pub mod drawing;
 pub mod meshes;
+#[cfg(test)]
+mod seeded;
 pub mod trial;
 
 pub use drawing::{Case, Drawing};

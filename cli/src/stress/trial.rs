@@ -9,10 +9,10 @@ use crate::report::audit::RunAudit;
 use crate::report::muscles::TORN;
 use pliant::mesh::measures::{max_or_nan, volume};
 use pliant::progress::Progress;
-use pliant::scene::{Content, Scene, SceneError};
+use pliant::scene::{ContactEffect, Content, Scene, SceneError};
 use pliant::simulation::{
-    Assets, Body, LoadError, Measures, PairSummary, Plan, Scenario, Simulation, Stepped,
-    VOLUME_HELD, scenario_with,
+    Body, LoadError, Measures, PairSummary, Scenario, Simulation, Stepped, VOLUME_HELD,
+    scenario_with,
 };
 
 /// How a case ended.
@@ -63,6 +63,8 @@ impl Ended {
 pub struct Trial<'a> {
     /// Reads the scene with changes.
     pub load: &'a (dyn Fn(&[String]) -> Result<Content, SceneError> + Sync),
+    /// Makes the simulation of a scene of muscles.
+    pub make: fn(Scene) -> Result<Simulation, LoadError>,
     /// The greatest work of a case of muscles, in steps of vertices.
     pub most_work: u64,
     /// The longest time of a case.
@@ -105,6 +107,9 @@ const TWIN_THREADS: usize = 3;
 const GROWS: f64 = 2.0;
 const AT_REST: f64 = 1e-3;
 
+/// An edge that grows by more than this factor in a frame, from its length before it or at rest, leaps.
+const LEAP: f64 = 5.0;
+
 impl Trial<'_> {
     /// Runs the scene with these changes.
     pub fn run(&self, changes: &[String], examined: Examined) -> Ended {
@@ -125,20 +130,18 @@ impl Trial<'_> {
     }
 
     fn of_muscles(&self, scene: Scene, watch: &Watch<'_>, examined: Examined) -> Ended {
-        let made = Assets::load(&scene).and_then(|assets| {
-            let plan = Plan::new(&scene, &assets);
-            let twin = examined
-                .threads
-                .then(|| Simulation::with(scene.clone(), assets.clone(), plan.clone()));
-            let twin = twin.transpose()?;
-            Ok((Simulation::with(scene, assets, plan)?, twin))
-        });
+        let contact = scene.effects.contact;
+        let twin = examined.threads.then(|| (self.make)(scene.clone()));
+        let made = (self.make)(scene).and_then(|made| Ok((made, twin.transpose()?)));
         let (mut simulation, mut twin) = match made {
             Ok(made) => made,
             Err(error) => return not_loaded(&error),
         };
         if let Some(twin) = &mut twin {
             twin.set_threads(TWIN_THREADS);
+        }
+        for simulation in twin.iter_mut().chain([&mut simulation]) {
+            simulation.limit_work(self.most_work);
         }
         let mut energies = Vec::new();
         // Several cases run at once. Within a pool of theirs nobody could stop a frame.
@@ -151,13 +154,21 @@ impl Trial<'_> {
         let at_start = audit.summary.crossings_max.all;
         let mut why = None;
         while !simulation.is_finished() {
+            let before = positions(&simulation);
             match simulation.step(watch) {
                 Stepped::Done => {}
+                Stepped::Interrupted if simulation.work() > self.most_work => {
+                    let (frame, all) = (simulation.frame() + 1, simulation.scene.frames);
+                    let spent = format!("its work is spent in frame {frame} of {all}");
+                    why = why.or(Some(spent));
+                    break;
+                }
                 Stepped::Interrupted => return self.stopped(simulation.frame()),
                 Stepped::Failed(reason) => return Ended::NotConverged(reason),
             }
             let measures = simulation.measure();
-            if let Some(found) = unsound(&simulation, &measures) {
+            let leapt = leapt(&simulation, &before);
+            if let Some(found) = unsound(&simulation, &measures).or(leapt) {
                 return Ended::Found(found);
             }
             why = why.or(doubted(&simulation, &measures));
@@ -173,12 +184,6 @@ impl Trial<'_> {
                 }
             }
             energies.push(measures.iter().map(|m| m.kinetic_energy_j).sum::<f64>());
-            if simulation.work() > self.most_work && !simulation.is_finished() {
-                let (frame, all) = (simulation.frame(), simulation.scene.frames);
-                let spent = format!("its work is spent after frame {frame} of {all}");
-                why = why.or(Some(spent));
-                break;
-            }
             if watch.is_stopped() && !simulation.is_finished() {
                 return self.stopped(simulation.frame());
             }
@@ -191,7 +196,8 @@ impl Trial<'_> {
             let all_converged = why.is_none() && examined.still;
             all_converged.then(|| grows(&simulation, &energies))?
         };
-        if let Some(found) = crossed(&simulation, &audit, at_start).or_else(grown) {
+        let crossed = crossed((&simulation, contact), &audit, at_start);
+        if let Some(found) = crossed.or_else(grown) {
             return Ended::Found(found);
         }
         why.map_or(Ended::Converged, Ended::NotConverged)
@@ -284,9 +290,48 @@ fn unsound(simulation: &Simulation, measures: &[Measures]) -> Option<String> {
         })
 }
 
+/// The positions of all bodies.
+fn positions(simulation: &Simulation) -> Vec<Vec<nalgebra::Point3<f64>>> {
+    let bodies = simulation.bodies.iter();
+    bodies
+        .map(|body| body.system.particles.position.clone())
+        .collect()
+}
+
+/// An edge that a frame stretches as no stable step does, from the positions before the frame: such a
+/// frame is made again with shorter steps, or stops its body.
+fn leapt(simulation: &Simulation, before: &[Vec<nalgebra::Point3<f64>>]) -> Option<String> {
+    let scene = &simulation.scene;
+    if !scene.effects.stretch || scene.solver.minimisation().is_some() {
+        return None;
+    }
+    let mut each = simulation.bodies.iter().zip(before);
+    each.find_map(|(body, before)| {
+        let (now, rest) = (&body.system.particles.position, &body.rest.vertices);
+        let is_free = |v: u32| body.system.particles.inverse_mass[v as usize] > 0.0;
+        let leaps = |&[a, b]: &[u32; 2]| {
+            let of = |x: &[nalgebra::Point3<f64>]| (x[a as usize] - x[b as usize]).norm();
+            let long = of(before).max(of(rest));
+            !(of(now) <= LEAP * long) && (is_free(a) || is_free(b))
+        };
+        let sides = body.rest.triangles.iter();
+        let mut sides = sides.flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        let [a, _] = sides.find(leaps)?;
+        let frame = simulation.frame();
+        Some(format!(
+            "leap: an edge of {} at vertex {a} grows by more than {LEAP} in frame {frame}",
+            body.name
+        ))
+    })
+}
+
 /// Crossings that contact must prevent and did not announce, of those that the start had not.
-fn crossed(simulation: &Simulation, audit: &RunAudit, at_start: usize) -> Option<String> {
-    let contact = simulation.scene.effects.contact?;
+fn crossed(
+    (simulation, contact): (&Simulation, Option<ContactEffect>),
+    audit: &RunAudit,
+    at_start: usize,
+) -> Option<String> {
+    let contact = contact?;
     let is_kept = contact.between.muscles && contact.between.bones && contact.between.itself;
     let crossings = audit.summary.crossings_max.all;
     if !is_kept || simulation.certificate().open > 0 || crossings <= at_start {
@@ -378,6 +423,7 @@ mod tests {
         let load = move |changes: &[String]| load_content(scene, changes);
         let trial = Trial {
             load: &load,
+            make: Simulation::new,
             most_work: u64::MAX,
             longest: Duration::from_secs_f64(longest),
             stop: &AtomicBool::new(false),
@@ -439,6 +485,7 @@ mod tests {
         let load = |_: &[String]| panic!("a defect");
         let trial = Trial {
             load: &load,
+            make: Simulation::new,
             most_work: u64::MAX,
             longest: Duration::from_secs(1),
             stop: &AtomicBool::new(false),
@@ -469,7 +516,8 @@ mod tests {
             measures[0].converged = converged;
             let mut audit = RunAudit::new();
             audit.finish(simulation);
-            unsound(simulation, &measures).or(crossed(simulation, &audit, 0))
+            let contact = simulation.scene.effects.contact;
+            unsound(simulation, &measures).or(crossed((simulation, contact), &audit, 0))
         };
         let is = |found: Option<String>, defect: &str| {
             let found = found.map(Ended::Found);
@@ -511,6 +559,7 @@ mod tests {
         let trial = |most_work: u64| {
             Trial {
                 load: &load,
+                make: Simulation::new,
                 most_work,
                 longest: Duration::from_secs(60),
                 stop: &AtomicBool::new(false),
@@ -524,7 +573,7 @@ mod tests {
             )
         };
         assert_eq!(trial(u64::MAX), Ended::Converged);
-        let spent = "its work is spent after frame 1 of 4".to_owned();
+        let spent = "its work is spent in frame 1 of 4".to_owned();
         assert_eq!(trial(1), Ended::NotConverged(spent));
     }
 }
