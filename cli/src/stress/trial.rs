@@ -308,11 +308,11 @@ fn leapt(simulation: &Simulation, before: &[Vec<nalgebra::Point3<f64>>]) -> Opti
     let mut each = simulation.bodies.iter().zip(before);
     each.find_map(|(body, before)| {
         let (now, rest) = (&body.system.particles.position, &body.rest.vertices);
-        let is_free = |v: u32| body.system.particles.inverse_mass[v as usize] > 0.0;
+        let is_held = |v: u32| body.system.particles.inverse_mass[v as usize] == 0.0;
         let leaps = |&[a, b]: &[u32; 2]| {
-            let of = |x: &[nalgebra::Point3<f64>]| (x[a as usize] - x[b as usize]).norm();
-            let long = of(before).max(of(rest));
-            !(of(now) <= LEAP * long) && (is_free(a) || is_free(b))
+            let [now, before, rest] =
+                [now, before, rest].map(|x| (x[a as usize] - x[b as usize]).norm());
+            !(now <= LEAP * before.max(rest) || is_held(a) && is_held(b))
         };
         let sides = body.rest.triangles.iter();
         let mut sides = sides.flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
