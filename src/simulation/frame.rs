@@ -343,7 +343,7 @@ impl Stop<'_> {
         self.done.fetch_add(steps as u64, Ordering::Relaxed);
     }
 
-    /// Notes a trial of a minimisation over so many vertices.
+    /// Notes one trial of a minimisation over this number of vertices.
     pub(super) fn spend_trial(self, vertices: usize) {
         self.spend(OF_TRIAL * vertices);
     }

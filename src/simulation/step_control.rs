@@ -39,8 +39,9 @@ const CALM: u32 = 8;
 /// error of the steps to a quarter.
 const LESS: f64 = 0.7;
 
-/// So many times shorter steps are tried before they count as no help: where they are far too long, twice as
-/// many bring a residual to nine tenths, and the quarter comes later. Once that was in vain, fewer are tried.
+/// Greatest factor by which steps become shorter before this counts as no help: the first time, and later.
+/// Where steps are far too long, steps half as long leave nine tenths of a residual. Only short ones leave a
+/// quarter.
 const PATIENCE: (u32, u32) = (8, 2);
 
 /// A residual that shorter steps did not lessen is accepted up to this multiple of it.
@@ -88,7 +89,7 @@ pub(super) struct StepControl {
     accepted: f64,
     tried: f64,
     tried_with: u32,
-    /// So many times shorter steps are tried before they count as no help.
+    /// Greatest factor by which steps become shorter before this counts as no help.
     patience: u32,
 }
 

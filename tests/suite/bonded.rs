@@ -137,11 +137,11 @@ fn a_minimum_of_energy_has_the_bonds() {
     let upper = &mut bodies[1];
     let is_high = |v: &u32| upper.mesh.vertices[*v as usize].z > 0.015;
     upper.held = (0..count as u32).filter(is_high).collect();
-    let [still, moving] = [("quasi_static", 1), ("implicit_euler", 6)]
-        .map(|(solver, frames)| rested(&bodies, frames, solver, &bonded));
+    let still = rested(&bodies, 1, "quasi_static", &bonded);
+    let moving = rested(&bodies, 6, "implicit_euler", &bonded);
     let sliding = rested(&bodies, 1, "quasi_static", &interface("kind = 'sliding'"));
     println!("equilibrium {still:e} m, after a motion {moving:e} m, sliding {sliding:e} m");
-    // After a tenth of a second it still swings by a fiftieth.
+    // Forces are known to 2e-4 of that of unit strain, 2.7 N: 9 % of the 6 mN on a vertex.
     assert!(
         (still - moving).abs() <= 0.05 * still,
         "{still} and {moving}"

@@ -389,10 +389,19 @@ impl Campaign<'_, '_> {
         let runs = usual
             .clone()
             .filter(|row| !matches!(row.ended, Ended::Refused(_)));
+        // Where none runs there is nothing to judge.
         let share = match runs.count() {
-            0 => 1.0,
-            cases => usual_converged as f64 / cases as f64,
+            0 => None,
+            cases => Some(usual_converged as f64 / cases as f64),
         };
+        let found_none = Verdict::none("cases that end in no permitted way", found.len())
+            .else_do("report the command of the finding, with the scene");
+        let enough = share.map(|share| {
+            let name = "usual cases that converge, share of those not refused";
+            Verdict::at_least(name, share, CONVERGE).else_do(
+                "look in the table why they did not converge; if the scene itself does not, change it first",
+            )
+        });
         let counts = format!(
             "{} cases: {} converged, {} not converged, {} refused, {} findings; {usual_converged} of {} usual cases converged",
             rows.len(),
@@ -406,19 +415,16 @@ impl Campaign<'_, '_> {
             kind: "stress",
             name: scene.to_owned(),
             measures,
-            verdicts: vec![
-                Verdict::none("cases that end in no permitted way", found.len())
-                    .else_do("report the command of the finding, with the scene"),
-                Verdict::at_least("usual cases that converge, share of those not refused", share, CONVERGE)
-                    .else_do("look why the cases in the table did not converge; a scene that does not converge itself has no usual cases that do"),
-            ],
+            verdicts: std::iter::once(found_none).chain(enough).collect(),
             findings: found.iter().map(|row| format!("{}: {}", row.ended.why(), command(row))).collect(),
             title: format!("{scene}: a campaign of {} cases", rows.len()),
             subtitle: counts.clone(),
             text: format!("{scene}: {counts}\n"),
             tables: vec![table],
             explanations: vec![
-                "Usual cases have the solver of the scene and stay within a decade around its numbers. The others stay within three, or have another solver.".to_owned(),
+                "Usual cases have the solver of the scene and stay within a decade around its numbers. \
+                 The others stay within three, or have another solver."
+                    .to_owned(),
             ],
             written: rows.iter().flat_map(|row| self.files_of(&row.case)).collect(),
             ..RunOutput::default()

@@ -85,6 +85,31 @@ fn another_mesh_of_a_case_is_a_file_of_the_result() {
 }
 
 #[test]
+fn usual_cases_that_do_not_converge_are_red() {
+    let folder = Scratch::folder();
+    let out = folder.to_str().expect("a path");
+    // The first case is a usual one, and its work is too little for a frame.
+    let few = ["--cases", "1", "--work", "1", "--frames", "20"];
+    let given = [&["stress", "hip", "--json", "--out", out][..], &few].concat();
+    let done = run(&given);
+    let summary: Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    assert_valid(&summary);
+    let verdicts = summary["verdicts"].as_array().expect("a list");
+    let share = |v: &&Value| {
+        v["name"]
+            .as_str()
+            .is_some_and(|n| n.starts_with("usual cases"))
+    };
+    let share = verdicts.iter().find(share).expect("a verdict");
+    assert_eq!(done.status.code(), Some(1), "{summary:#}");
+    assert_eq!(
+        (&share["passed"], &share["value"]),
+        (&false.into(), &0.0.into())
+    );
+    assert_eq!(summary["stress"]["findings"], serde_json::json!([]));
+}
+
+#[test]
 fn wrong_input_is_refused() {
     for (arguments, message) in [
         (&["stress", "press", "--work", "0"][..], "--work"),
