@@ -9,10 +9,7 @@
 pub(crate) mod candidates;
 pub(crate) mod choice;
 pub(crate) mod distance;
-pub(crate) mod model;
-pub(crate) mod pilot;
 pub(crate) mod reference;
-mod search;
 pub(crate) mod skin;
 pub(crate) mod study;
 pub(crate) mod trajectory;
@@ -21,6 +18,5 @@ pub use candidates::HIERARCHY;
 pub use skin::{SkinRow, SkinStudy, SkinStudyError, measure_skin, method_name};
 
 pub use distance::FrameDistance;
-pub use pilot::{Chosen, choose};
 pub use reference::Reference;
 pub use study::{Status, Study, StudyError, StudyOptions, StudyRow, measure};

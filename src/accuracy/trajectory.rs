@@ -54,6 +54,7 @@ impl Trajectory {
         let scene = Scene {
             solver: candidate.solver,
             adapts_steps: false,
+            accuracy: None,
             ..scene.clone()
         };
         let plan = Plan::new(&scene, assets);

@@ -239,6 +239,18 @@ impl Body {
             .map(|e| e.points[0] as usize)
     }
 
+    /// Number of vertices.
+    pub(super) fn count(&self) -> usize {
+        self.system.particles.len()
+    }
+
+    /// Sum over the vertices of the squared distance from the same muscle elsewhere [m^2].
+    pub(super) fn squared_distance(&self, other: &Self) -> f64 {
+        let (a, b) = (&self.system.particles, &other.system.particles);
+        let each = a.position.iter().zip(&b.position);
+        each.map(|(a, b)| (a - b).norm_squared()).sum()
+    }
+
     /// True if vertex `v` is not fixed by a bone.
     pub fn is_free(&self, v: usize) -> bool {
         self.system.particles.inverse_mass[v] > 0.0

@@ -88,6 +88,11 @@ impl Equilibrium {
         self.solver.problem.settings
     }
 
+    /// Changes the tolerance of later steps.
+    pub(super) fn set_tolerance(&mut self, tolerance: f64) {
+        self.solver.problem.settings.tolerance = tolerance;
+    }
+
     /// Begins a frame.
     pub(super) fn begin_frame(&mut self) {
         self.residual = 0.0;

@@ -91,17 +91,26 @@ impl Simulation {
     fn frame_in_pool(&mut self, stop: Stop<'_>) -> bool {
         match self.pool.take() {
             Some(pool) => {
-                let done = pool.install(|| self.compute_frame(stop));
+                let done = pool.install(|| self.next_frame(stop));
                 self.pool = Some(pool);
                 done
             }
-            None => self.compute_frame(stop),
+            None => self.next_frame(stop),
         }
+    }
+
+    fn next_frame(&mut self, stop: Stop<'_>) -> bool {
+        let Some(mut refinement) = self.refinement.take() else {
+            return self.compute_frame(stop);
+        };
+        let done = refinement.next(self, stop);
+        self.refinement = Some(refinement);
+        done
     }
 
     /// Computes a frame with steps so short that no surface jumps. Returns false if it was stopped,
     /// and then all is as before it.
-    fn compute_frame(&mut self, stop: Stop<'_>) -> bool {
+    pub(super) fn compute_frame(&mut self, stop: Stop<'_>) -> bool {
         // Bodies can have been changed since the last frame.
         self.gather();
         let can_jump = self.bodies.iter().any(Body::can_jump);

@@ -73,6 +73,11 @@ impl Joint {
         Ok(Self { solver, ranges })
     }
 
+    /// Changes the tolerance of later steps.
+    pub fn set_tolerance(&mut self, tolerance: f64) {
+        self.solver.problem.settings.tolerance = tolerance;
+    }
+
     /// Moves the bodies with the bones to their present poses and minimises the energy.
     ///
     /// # Errors

@@ -47,7 +47,9 @@ pub struct Measures {
     pub kinetic_energy_j: f64,
     /// Root mean square distance of vertices from their start positions [m].
     pub distance_from_start_rms_m: f64,
-    /// True if residual, volume and depth are within their tolerances.
+    /// Estimated root mean square error [m], of a run with a requested accuracy; otherwise NaN.
+    pub error_m: f64,
+    /// True if residual, volume and depth are within their tolerances, or with a requested accuracy the error.
     pub converged: bool,
 }
 
@@ -124,13 +126,14 @@ impl Measures {
             residual_m,
             kinetic_energy_j: kinetic_energy(body),
             distance_from_start_rms_m: apart.sqrt(),
+            error_m: f64::NAN,
             converged,
         }
     }
 }
 
 impl Value for Measures {
-    const MIN_BYTES: usize = 15 * 8 + 1;
+    const MIN_BYTES: usize = 16 * 8 + 1;
 
     fn encode(&self, to: &mut Writer) {
         let Self {
@@ -149,6 +152,7 @@ impl Value for Measures {
             residual_m,
             kinetic_energy_j,
             distance_from_start_rms_m,
+            error_m,
             converged,
         } = self;
         to.put(frame);
@@ -167,7 +171,8 @@ impl Value for Measures {
             *vertices_touching,
             *vertices_pinched,
         ]);
-        to.put(&[*residual_m, *kinetic_energy_j, *distance_from_start_rms_m]);
+        to.put(&[*residual_m, *kinetic_energy_j]);
+        to.put(&[*distance_from_start_rms_m, *error_m]);
         to.put(converged);
     }
 
@@ -186,7 +191,8 @@ impl Value for Measures {
             vertices_touching,
             vertices_pinched,
         ] = from.take()?;
-        let [residual_m, kinetic_energy_j, distance_from_start_rms_m] = from.take()?;
+        let [residual_m, kinetic_energy_j] = from.take()?;
+        let [distance_from_start_rms_m, error_m] = from.take()?;
         Ok(Self {
             frame,
             time_s,
@@ -203,6 +209,7 @@ impl Value for Measures {
             residual_m,
             kinetic_energy_j,
             distance_from_start_rms_m,
+            error_m,
             converged: from.take()?,
         })
     }

@@ -18,6 +18,7 @@ mod fault;
 mod fibres;
 mod frame;
 mod ready;
+mod refinement;
 mod joint;
 mod jump;
 pub(crate) mod joint_weights;
@@ -42,6 +43,7 @@ pub use contact_comparison::compare_contact;
 pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};
+pub use refinement::{Attained, RefinedRun};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
 pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 
@@ -56,6 +58,7 @@ pub(crate) use body::Stepper;
 pub use fault::{Fault, LoadError};
 pub use measures::Measures;
 pub use plan::Plan;
+use refinement::Refinement;
 pub use run::{Ended, Observer, run};
 pub(crate) use scenario::BodyState;
 pub use scenario::{
@@ -102,6 +105,8 @@ pub struct Simulation {
     /// Steps of vertices so far, with those of tries that were undone, and the most that there may be.
     work: u64,
     most_work: u64,
+    /// The runs of a requested accuracy, of which it shows one.
+    refinement: Option<Box<Refinement>>,
     /// Where frames are computed; `None`: in the pool of the caller.
     pool: Option<rayon::ThreadPool>,
 }
@@ -122,6 +127,22 @@ impl Simulation {
     /// # Errors
     /// An impossible attachment.
     pub fn with(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
+        let Some(accuracy) = scene.accuracy else {
+            return Self::alone(scene, assets, plan);
+        };
+        let usual = scene.solver.substeps();
+        let scene = refinement::scene_of_runs(&scene);
+        let run = || Self::alone(scene.clone(), assets.clone(), plan.clone());
+        let mut front = run()?;
+        let lengths = front.bodies.iter().map(|body| body.length);
+        let target = accuracy.length(lengths.fold(f64::INFINITY, f64::min));
+        front.refinement = Some(Box::new(Refinement::new(run()?, run()?, usual, target)));
+        front.scene.accuracy = Some(accuracy);
+        Ok(front)
+    }
+
+    /// A simulation without a requested accuracy.
+    fn alone(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
         let surfaces: Vec<Arc<Surface>> = assets
             .bones
             .par_iter()
@@ -162,6 +183,7 @@ impl Simulation {
             control: StepControl::new(&scene),
             work: 0,
             most_work: u64::MAX,
+            refinement: None,
             pool: None,
             scene,
         };
@@ -235,10 +257,29 @@ impl Simulation {
             .enumerate()
             .map(|(b, bone)| (bone, self.pose(b, self.frame as f64)))
             .collect();
-        self.bodies
-            .iter()
-            .map(|body| Measures::of(body, self.frame, &self.scene, &posed))
-            .collect()
+        let of = |(b, body)| {
+            let mut measures = Measures::of(body, self.frame, &self.scene, &posed);
+            if let Some(refinement) = &self.refinement {
+                measures.error_m = refinement.error(b);
+                measures.converged = body.stopped.is_none() && refinement.is_kept();
+            }
+            measures
+        };
+        self.bodies.iter().enumerate().map(of).collect()
+    }
+
+    /// What a requested accuracy cost so far, and whether it was kept; `None` without one.
+    pub fn attained(&self) -> Option<&Attained> {
+        self.refinement.as_ref().map(|runs| runs.attained())
+    }
+
+    /// Sets the tolerance of equilibria in later frames.
+    fn set_tolerance(&mut self, tolerance: f64) {
+        let own = self.bodies.iter_mut().filter_map(Body::equilibrium_mut);
+        own.for_each(|equilibrium| equilibrium.set_tolerance(tolerance));
+        for group in &mut self.groups {
+            group.set_tolerance(tolerance);
+        }
     }
 }
 
@@ -263,9 +304,15 @@ impl State for Simulation {
             control,
             work: _,
             most_work: _,
+            refinement,
             pool: _,
             freed: _,
         } = self;
+        if let Some(refinement) = refinement {
+            // What it shows is a frame of another run.
+            refinement.save(to);
+            return;
+        }
         to.put(frame);
         to.list(notes);
         certificate.save(to);
@@ -275,6 +322,24 @@ impl State for Simulation {
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
+        if let Some(mut refinement) = self.refinement.take() {
+            let restored = refinement.restore(self, from);
+            self.refinement = Some(refinement);
+            return restored;
+        }
+        self.restore_shown(from)?;
+        // Counted anew where the restored state is.
+        self.lone.clear();
+        self.gather();
+        self.groups
+            .iter_mut()
+            .try_for_each(|group| group.restore(from))
+    }
+}
+
+impl Simulation {
+    /// Restores what can be seen of a frame. No further frame can be computed then.
+    fn restore_shown(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         let frame: usize = from.take()?;
         self.notes = from.take()?;
         self.certificate.restore(from)?;
@@ -291,13 +356,7 @@ impl State for Simulation {
         let contact = self.scene.effects.contact;
         self.bodies
             .iter_mut()
-            .try_for_each(|body| body.restore(from, &self.placed, contact, frame))?;
-        // Counted anew where the restored state is.
-        self.lone.clear();
-        self.gather();
-        self.groups
-            .iter_mut()
-            .try_for_each(|group| group.restore(from))
+            .try_for_each(|body| body.restore(from, &self.placed, contact, frame))
     }
 }
 

@@ -31,6 +31,21 @@ impl Simulation {
                 body.shorten(self.frame as f64, 1.0, &self.placed);
             }
         }
+        if let Some(mut runs) = self.refinement.take() {
+            runs.begin_at(self);
+            self.refinement = Some(runs);
+        }
+    }
+
+    /// What moves by hand has no run beside it that tells its error.
+    fn leave_accuracy(&mut self) {
+        if let Some(runs) = self.refinement.take() {
+            runs.leave(self);
+            let frame = self.frame;
+            self.notes.push(format!(
+                "moved by hand after frame {frame}: from there on no accuracy is kept"
+            ));
+        }
     }
 
     /// True if the obstacles are those of `other`; takes over their poses.
@@ -55,6 +70,7 @@ impl Simulation {
 
     /// Moves a bone from its pose to `pose` in the next frame; the bone stays there.
     pub fn move_bone(&mut self, bone: usize, pose: Isometry3<f64>) {
+        self.leave_accuracy();
         let key = |frame: usize, pose| Key {
             frame: frame as f64,
             pose,
@@ -74,6 +90,7 @@ impl Simulation {
     /// Drags a vertex of a muscle to a position [m] with a spring of `stiffness` [N/m], which
     /// replaces an earlier one; see [`Grip`].
     pub fn drag(&mut self, muscle: usize, vertex: u32, to: Point3<f64>, stiffness: f64) {
+        self.leave_accuracy();
         self.let_go(muscle);
         let (body, grip) = (&mut self.bodies[muscle], Grip::new(vertex, to, stiffness));
         match body.equilibrium_mut() {

@@ -72,6 +72,8 @@ pub(super) struct StepControl {
     /// Whether it follows the residual, the number up to which shorter steps are known to help, and
     /// whether the present frame proves it for a greater one.
     follows: bool,
+    /// Whether somebody else chooses the first one for each frame.
+    is_told: bool,
     proved: u32,
     proof: Proof,
     /// Number of steps of the frame before, and whether any frame took more than the first.
@@ -117,6 +119,7 @@ impl StepControl {
             steps: first,
             first,
             follows,
+            is_told: false,
             proved: first,
             proof: Proof::Not,
             taken: first,
@@ -159,6 +162,13 @@ impl StepControl {
             taken: steps,
             ..*self
         }
+    }
+
+    /// Gives later frames this number of steps, besides what jumps ask for.
+    pub fn tell(&mut self, first: u32) {
+        let factor = self.steps / self.first;
+        let steps = first.saturating_mul(factor);
+        (self.first, self.steps, self.proved, self.is_told) = (first, steps, steps, true);
     }
 
     /// Begins a frame.
@@ -323,10 +333,11 @@ impl State for StepControl {
     fn save(&self, to: &mut Writer) {
         let Self {
             steps,
-            first: _,
+            first,
             most: _,
             most_followed: _,
             follows: _,
+            is_told,
             proved,
             // Each frame begins with it.
             proof: _,
@@ -342,6 +353,8 @@ impl State for StepControl {
             tried: _,
             tried_with: _,
         } = self;
+        to.put(is_told);
+        to.put(first);
         to.put(steps);
         to.put(proved);
         to.put(taken);
@@ -355,7 +368,15 @@ impl State for StepControl {
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
+        let is_told: bool = from.take()?;
+        let first: u32 = from.take()?;
+        from.check(
+            is_told && first > 0 || first == self.first,
+            "another number of steps",
+        )?;
         *self = Self {
+            is_told,
+            first,
             steps: from.take()?,
             proved: from.take()?,
             taken: from.take()?,
@@ -373,7 +394,7 @@ impl State for StepControl {
             self.follows || steps % self.first == 0 && (steps / self.first).is_power_of_two();
         let is_sound = range.contains(&steps)
             && range.contains(&self.proved)
-            && range.contains(&self.taken)
+            && (range.contains(&self.taken) || self.is_told && self.taken > 0)
             && is_fit;
         from.check(is_sound, "a number of steps that no frame takes")
     }

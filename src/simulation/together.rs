@@ -310,6 +310,13 @@ impl Group {
         }
     }
 
+    /// Changes the tolerance of a common energy in later steps.
+    pub(super) fn set_tolerance(&mut self, tolerance: f64) {
+        if let Some(joint) = &mut self.joint {
+            joint.set_tolerance(tolerance);
+        }
+    }
+
     /// Whether pairs of triangles keep its members apart.
     pub(super) fn has_meeting(&self) -> bool {
         self.meeting.is_some()

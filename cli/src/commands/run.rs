@@ -13,19 +13,17 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
-use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::options::Output;
 use super::progress::{Bar, if_raised};
-use super::{BY_CTRL_C, BY_SIGTERM, INTERRUPTED, environment, interrupted, note, resume, warn};
+use super::{BY_CTRL_C, BY_SIGTERM, INTERRUPTED, environment, interrupted, resume, warn};
 use crate::report::folder::Folder;
 use crate::report::results::Results;
 use crate::report::run::{FILES, Finished};
-use pliant::accuracy::{self, Chosen, StudyError};
-use pliant::scene::{Accuracy, Content, Scene};
+use pliant::scene::{Content, Scene};
 use pliant::simulation::checkpoint::Fingerprint;
-use pliant::simulation::{self, Assets, LoadError, Observer, Plan, Simulation};
+use pliant::simulation::{self, Assets, Observer, Plan, Simulation};
 
 /// The default scene.
 const FIRST_SCENE: &str = "hip";
@@ -128,7 +126,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 /// Runs a scene of muscles; `written` is its text if it was generated.
 fn of_muscles(
     arguments: &Arguments,
-    mut scene: Scene,
+    scene: Scene,
     written: Option<String>,
     begun: Instant,
     stop: &AtomicBool,
@@ -148,20 +146,7 @@ fn of_muscles(
     } else {
         None
     };
-    if scene.accuracy.is_some() && (arguments.resume || arguments.checkpoint_every.is_some()) {
-        return Err(Failure::usage(
-            "an accuracy chooses solver and settings by measured times, which a run that goes on need not meet again",
-            "leave accuracy out and give the solver and settings that `pliant accuracy` tells",
-        ));
-    }
     let assets = Assets::load(&scene).map_err(refused)?;
-    let chosen = match scene.accuracy {
-        Some(accuracy) => match choose(&mut scene, &assets, accuracy, stop, refused)? {
-            None => return Ok(interrupted()),
-            chosen => chosen,
-        },
-        None => None,
-    };
     let plan = Plan::new(&scene, &assets);
     if stop.load(Ordering::Relaxed) {
         return Ok(interrupted());
@@ -186,51 +171,8 @@ fn of_muscles(
         results.keep_every(every, Fingerprint::of(&simulation));
     }
     let settings = settings(arguments);
-    let finished = advance(&mut simulation, results, &settings, stop, chosen.as_ref())?;
+    let finished = advance(&mut simulation, results, &settings, stop)?;
     arguments.output.finish(&finished.folder, finished.output)
-}
-
-/// Share of the estimated time of a run for the study that selects solver and settings.
-const STUDY_SHARE: f64 = 0.5;
-
-/// Least and greatest time of that study [s].
-const STUDY_LIMITS: (f64, f64) = (5.0, 60.0);
-
-/// Selects solver and settings for an accuracy and sets them in the scene; `None` after Ctrl-C.
-fn choose(
-    scene: &mut Scene,
-    assets: &Assets,
-    accuracy: Accuracy,
-    stop: &AtomicBool,
-    refused: impl Fn(LoadError) -> Failure,
-) -> Result<Option<Chosen>, Failure> {
-    let threads = rayon::current_num_threads();
-    let frame_s: f64 = Plan::new(scene, assets)
-        .run
-        .iter()
-        .map(|planned| planned.ms_per_frame * 1e-3)
-        .sum();
-    let budget_s = STUDY_SHARE * frame_s * scene.frames as f64;
-    let budget = Duration::from_secs_f64(budget_s.clamp(STUDY_LIMITS.0, STUDY_LIMITS.1));
-    let chosen = match accuracy::choose(scene, assets, accuracy, budget, threads, &Said { stop }) {
-        Ok(chosen) => chosen,
-        Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),
-        Err(StudyError::Load(error)) => return Err(refused(error)),
-        Err(error) => {
-            return Err(Failure::usage(
-                error.to_string(),
-                "name another solver or leave accuracy out; see `pliant accuracy`",
-            ));
-        }
-    };
-    scene.solver = chosen.candidate.solver;
-    scene.adapts_steps = false;
-    note(&format!(
-        "accuracy {} mm: {}",
-        pliant::format::number(chosen.target_m * 1e3),
-        chosen.why
-    ));
-    Ok(Some(chosen))
 }
 
 /// Runs until the last frame, Ctrl-C, or until every muscle has stopped.
@@ -239,7 +181,6 @@ fn advance(
     results: Results,
     settings: &[(String, String)],
     stop: &AtomicBool,
-    chosen: Option<&Chosen>,
 ) -> Result<Finished<'static>, Failure> {
     let bar = Bar::of_frames(simulation.scene.frames);
     let mut shown = Shown { results, bar: &bar };
@@ -256,7 +197,7 @@ fn advance(
     // The error of a failed writer is reported at the end.
     let _ = results.checkpoint(simulation, true);
     bar.end();
-    Ok(results.finish(simulation, settings, &ended, chosen)?)
+    Ok(results.finish(simulation, settings, &ended)?)
 }
 
 /// Collects results, and shows the measures of each frame in a bar.

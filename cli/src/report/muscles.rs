@@ -10,11 +10,10 @@ use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
 use super::plan::Prepared;
 use super::quality::{self, Quality, RunQuality};
 use super::record::{Record, effect_name};
-use pliant::accuracy::Chosen;
 use pliant::contact::{Certificate, PartedPair};
 use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::{Solver, Source, likely_units};
-use pliant::simulation::{Body, Measures, Simulation, VOLUME_HELD};
+use pliant::simulation::{Attained, Body, Measures, RefinedRun, Simulation, VOLUME_HELD};
 
 /// Greatest distance of a muscle from its start at the end of a motion that returns, relative to
 /// its length.
@@ -71,9 +70,8 @@ pub struct MuscleSummary {
     pub residual_end_m: f64,
     /// Root mean square residual of the elastic constraints in the worst frame [m].
     pub residual_max_m: f64,
-    /// Estimated error of the solver, RMS over the vertices of the worst frame [m]: from
-    /// [`Body::error_estimate`], or for a requested accuracy from the measurements of its study.
-    pub error_estimate_m: f64,
+    /// Estimated error, RMS over the vertices of the worst frame.
+    pub error_estimate: ErrorEstimate,
     /// Number of frames that did not converge.
     pub frames_not_converged: usize,
     /// Number of velocities that were clamped to the limit.
@@ -84,21 +82,56 @@ pub struct MuscleSummary {
     pub stopped: Option<Stopped>,
 }
 
-/// Solver and settings selected for an accuracy.
+/// An estimated error by its parts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Delivered {
-    /// Requested RMS error [m].
-    target_m: f64,
-    /// Expected error in the worst frame [m].
-    expected_m: f64,
-    /// True if the estimate for the whole run is within the requested error.
-    reached: bool,
-    /// The solver.
-    solver: String,
-    /// Settings of the solver.
-    settings: serde_json::Map<String, serde_json::Value>,
-    /// The reason of the selection.
-    why: String,
+pub struct ErrorEstimate {
+    /// Distance from the converged solution of the same model [m].
+    pub solver_m: f64,
+    /// Distance of that solution from one on a refined mesh [m].
+    pub mesh_m: Option<f64>,
+    /// Half of the interval that the parameters' intervals leave [m].
+    pub parameters_m: Option<f64>,
+    /// How the error of the solver was found.
+    pub method: &'static str,
+}
+
+impl ErrorEstimate {
+    /// That of a muscle with this greatest residual [m].
+    fn of(simulation: &Simulation, m: usize, residual_m: f64) -> Self {
+        let body = &simulation.bodies[m];
+        match simulation.attained() {
+            Some(attained) => Self::by(attained.muscles_m[m], way(attained)),
+            None => Self::by(body.error_estimate(residual_m), "residual"),
+        }
+    }
+
+    /// That of all muscles together: of all vertices, or of the worst muscle.
+    fn of_all(simulation: &Simulation, muscles: &[MuscleSummary]) -> Self {
+        match simulation.attained() {
+            Some(attained) => Self::by(attained.error_m, way(attained)),
+            None => {
+                let each = muscles.iter().map(|m| m.error_estimate.solver_m);
+                Self::by(max_or_nan(each), "residual")
+            }
+        }
+    }
+
+    fn by(solver_m: f64, method: &'static str) -> Self {
+        Self {
+            solver_m,
+            mesh_m: None,
+            parameters_m: None,
+            method,
+        }
+    }
+}
+
+/// How the error of an accuracy is found.
+fn way(attained: &Attained) -> &'static str {
+    match attained.runs[1].tolerance > 0.0 {
+        true => "a run with sixteen times the tolerance",
+        false => "a run with half as many steps",
+    }
 }
 
 /// Place of a stop.
@@ -117,13 +150,13 @@ pub(super) fn output(
     simulation: &Simulation,
     record: Record,
     (audit, judged): (&RunAudit, &RunQuality),
-    chosen: Option<&Chosen>,
 ) -> RunOutput<'static> {
-    let mut muscles = summaries(simulation, &record, chosen);
+    let mut muscles = summaries(simulation, &record);
     for (muscle, quality) in muscles.iter_mut().zip(judged.of_muscles()) {
         muscle.quality = quality;
     }
-    let mut verdicts: Vec<Verdict> = chosen.map(verdict_of).into_iter().collect();
+    let attained = simulation.attained();
+    let mut verdicts: Vec<Verdict> = attained.map(verdict_of).into_iter().collect();
     for (m, summary) in muscles.iter().enumerate() {
         verdicts.extend(verdicts_of(simulation, m, summary));
     }
@@ -153,8 +186,8 @@ pub(super) fn output(
         kind: "muscles",
         measures: json!({
             "solver": solver(&simulation.scene.solver),
-            "error_estimate_m": max_or_nan(muscles.iter().map(|m| m.error_estimate_m)),
-            "accuracy": chosen.map(Delivered::of),
+            "error_estimate": ErrorEstimate::of_all(simulation, &muscles),
+            "accuracy": attained.map(accuracy),
             "muscles": muscles,
         }),
         scene: Some(SceneRun {
@@ -244,14 +277,10 @@ fn times(record: &Record) -> Times {
     }
 }
 
-/// Each muscle over a run; `chosen` is the selection for the accuracy of the scene.
-pub fn summaries(
-    simulation: &Simulation,
-    record: &Record,
-    chosen: Option<&Chosen>,
-) -> Vec<MuscleSummary> {
-    let bodies = simulation.bodies.iter();
-    bodies.map(|body| muscle(body, record, chosen)).collect()
+/// Each muscle over a run.
+pub fn summaries(simulation: &Simulation, record: &Record) -> Vec<MuscleSummary> {
+    let bodies = 0..simulation.bodies.len();
+    bodies.map(|m| muscle(simulation, m, record)).collect()
 }
 
 impl MuscleSummary {
@@ -266,17 +295,26 @@ impl MuscleSummary {
     }
 }
 
-impl Delivered {
-    fn of(chosen: &Chosen) -> Self {
-        Self {
-            target_m: chosen.target_m,
-            expected_m: chosen.expected_m,
-            reached: chosen.is_kept(),
-            solver: chosen.candidate.solver_key().to_owned(),
-            settings: chosen.candidate.settings(),
-            why: chosen.why.clone(),
-        }
-    }
+/// What a requested accuracy cost.
+fn accuracy(attained: &Attained) -> Value {
+    let frames = |run: &RefinedRun| match run.tolerance > 0.0 {
+        true => json!({ "tolerance": run.tolerance, "time_s": run.time_s }),
+        false => json!({ "substeps": run.steps, "time_s": run.time_s }),
+    };
+    let [coarse, fine] = &attained.runs;
+    let mut passes = [frames(coarse), frames(fine)];
+    passes[0]["difference_m"] = Value::Null;
+    passes[1]["difference_m"] = json!(attained.difference_m);
+    json!({
+        "target_m": attained.target_m,
+        "error_m": attained.error_m,
+        "frame": attained.frame,
+        "reached": attained.is_reached(),
+        "choosing_s": coarse.time_s + attained.repeated_s,
+        "run_s": fine.time_s,
+        "frames_repeated": attained.repeated,
+        "passes": passes,
+    })
 }
 
 /// The check that no velocity was limited: numbers stay finite, but the motion is not that of the scene.
@@ -298,16 +336,17 @@ fn solver(solver: &Solver) -> String {
 }
 
 /// The check of the requested accuracy, by the estimate.
-fn verdict_of(chosen: &Chosen) -> Verdict {
-    let name = "the error is at most that of the accuracy";
-    let verdict = Verdict::at_most(name, chosen.expected_m, chosen.target_m).in_unit("m");
-    Verdict {
-        passed: chosen.is_kept(),
-        ..verdict.at(format!("all muscles, estimated: {}", chosen.why))
-    }
+fn verdict_of(attained: &Attained) -> Verdict {
+    let name = "estimated error, RMS over the vertices of a frame";
+    let verdict = Verdict::at_most(name, attained.error_m, attained.target_m).in_unit("m");
+    let at = format!("all muscles, worst in frame {}", attained.frame);
+    verdict
+        .at(at)
+        .else_do("ask for less accuracy, or make the motion slower or the material softer")
 }
 
-fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummary {
+fn muscle(simulation: &Simulation, m: usize, record: &Record) -> MuscleSummary {
+    let body = &simulation.bodies[m];
     let all: Vec<&Measures> = record.of_muscle(&body.name).collect();
     let end = |f: fn(&Measures) -> f64| all.last().map_or(0.0, |m| f(m));
     let most = |f: fn(&Measures) -> usize| all.iter().map(|m| f(m)).max().unwrap_or(0);
@@ -351,8 +390,7 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         residual_end_m: end(|m| m.residual_m),
         // There is no residual before the first step.
         residual_max_m,
-        error_estimate_m: chosen
-            .map_or_else(|| body.error_estimate(residual_max_m), |c| c.expected_m),
+        error_estimate: ErrorEstimate::of(simulation, m, residual_max_m),
         frames_not_converged: all.iter().filter(|m| m.frame > 0 && !m.converged).count(),
         speed_cuts: body.system.speed_cuts,
         quality: Quality::default(),

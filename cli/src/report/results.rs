@@ -13,7 +13,6 @@ use super::quality::RunQuality;
 use super::record::Record;
 use super::run::{Finished, Frames, end_unless};
 use super::shots::Shots;
-use pliant::accuracy::Chosen;
 use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::checkpoint::{self, Fingerprint};
 use pliant::simulation::{Ended, FrameState, Measures, Observer, Scenario, Simulation};
@@ -146,8 +145,7 @@ impl Results {
         &all[all.len().saturating_sub(self.frames.scene.bodies.len())..]
     }
 
-    /// Ends the run. `settings` are names and values for the report; `chosen` is the selection for a
-    /// requested accuracy.
+    /// Ends the run. `settings` are names and values for the report.
     ///
     /// # Errors
     /// An error of writing.
@@ -156,12 +154,11 @@ impl Results {
         simulation: &Simulation,
         settings: &[(String, String)],
         ended: &Ended,
-        chosen: Option<&Chosen>,
     ) -> Result<Finished<'static>, FolderError> {
         self.audit.finish(simulation);
         self.quality.finish(simulation);
         let judged = (&self.audit, &self.quality);
-        let own = muscles::output(simulation, self.record, judged, chosen);
+        let own = muscles::output(simulation, self.record, judged);
         self.frames.finish(simulation, own, ended, settings)
     }
 }

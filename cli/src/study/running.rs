@@ -247,7 +247,7 @@ impl<'a> Looks<'a> {
     }
 
     fn outcome(self, simulation: &Simulation, record: &Record) -> Outcome {
-        let muscles = summaries(simulation, record, None);
+        let muscles = summaries(simulation, record);
         let most = |value: fn(&MuscleSummary) -> f64| max_or_nan(muscles.iter().map(value));
         let steps_s = record.times.iter().map(|t| t.step_ms).sum::<f64>() * 1e-3;
         let numbers = [
@@ -261,7 +261,7 @@ impl<'a> Looks<'a> {
                 most(|m| m.distance_from_start_rms_m),
             ),
             ("residual_m", most(|m| m.residual_max_m)),
-            ("error_estimate_m", most(|m| m.error_estimate_m)),
+            ("error_estimate_m", most(|m| m.error_estimate.solver_m)),
         ];
         Outcome {
             frames: simulation.frame(),

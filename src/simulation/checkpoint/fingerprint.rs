@@ -35,8 +35,7 @@ impl Fingerprint {
             effects,
             solver,
             adapts_steps,
-            // Its results are the solver and the settings.
-            accuracy: _,
+            accuracy,
             // They judge the motion and do not change it.
             limits: _,
             origin: _,
@@ -47,6 +46,7 @@ impl Fingerprint {
         print.add("`effects`".to_owned(), effects);
         print.add("`solver`".to_owned(), solver);
         print.add("`substeps`, given or not".to_owned(), adapts_steps);
+        print.add("`accuracy`".to_owned(), accuracy);
         print.add("`interface`".to_owned(), interfaces);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
             // Surface, repair and edge length determine the mesh.

@@ -1,0 +1,440 @@
+//! A run to a requested accuracy: as many steps as the error asks for, frame by frame.
+//!
+//! The error of a sweep falls nearly as the length of its step. A second run beside the first, with steps
+//! twice as long, therefore tells the error of the first by its distance. Equilibria have no steps of their
+//! own: there the second run has a greater tolerance.
+//!
+//! An error takes some frames to come and to go, because a muscle that lags behind needs time to catch up.
+//! Both runs are therefore some frames ahead of the one that is shown. Where the error leaves the target, all
+//! frames that are not shown yet are made again, with more steps. Nothing here depends on the time that
+//! anything takes.
+
+mod rule;
+
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use rule::{Effort, LOOSER, Rule};
+
+use super::frame::Stop;
+use super::{Body, Simulation};
+use crate::mesh::measures::max_or_nan;
+use crate::scene::{Scene, Solver};
+use crate::state::{DecodeError, Reader, State, Writer};
+
+/// Number of frames that are computed before the first of them is shown, at this rate [Hz].
+const AHEAD: f64 = 24.0;
+const USUAL_RATE: f64 = 60.0;
+const MOST_AHEAD: f64 = 96.0;
+
+/// What an accuracy cost, and whether it was kept.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attained {
+    /// Requested RMS error [m].
+    pub target_m: f64,
+    /// Estimated RMS error of all vertices in the worst frame so far [m], and that frame.
+    pub error_m: f64,
+    /// The frame with it.
+    pub frame: usize,
+    /// Estimated RMS error of each muscle in its worst frame so far [m].
+    pub muscles_m: Vec<f64>,
+    /// The run with longer steps, and the one that is shown.
+    pub runs: [RefinedRun; 2],
+    /// Greatest distance of both, RMS over the vertices of a frame [m].
+    pub difference_m: f64,
+    /// Number of frames that were made again with more steps, and the time that they took [s].
+    pub repeated: u64,
+    /// That time [s].
+    pub repeated_s: f64,
+}
+
+/// One of the runs of an accuracy.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RefinedRun {
+    /// Number of steps of all frames.
+    pub steps: u64,
+    /// Greatest tolerance of an equilibrium in any frame; 0 for solvers with steps.
+    pub tolerance: f64,
+    /// Time of all frames [s].
+    pub time_s: f64,
+}
+
+impl Attained {
+    /// Whether the error is within the target in every frame so far.
+    #[must_use]
+    pub fn is_reached(&self) -> bool {
+        self.error_m <= self.target_m
+    }
+}
+
+/// The runs of an accuracy, ahead of what is shown.
+pub(super) struct Refinement {
+    /// The run that is shown later, and the one with longer steps.
+    fine: Simulation,
+    coarse: Simulation,
+    rule: Rule,
+    /// Both runs at the frame that is shown.
+    shown: Both,
+    /// Frames that are not shown yet.
+    ahead: VecDeque<Ahead>,
+    frames_ahead: usize,
+    /// Number of steps of a frame that the scene would have without an accuracy.
+    usual: f64,
+    attained: Attained,
+    /// The estimate of each muscle in the frame that is shown [m].
+    errors: Vec<f64>,
+}
+
+/// States of both runs, and what chooses their next steps.
+struct Both {
+    fine: Vec<u8>,
+    coarse: Vec<u8>,
+    rule: Rule,
+}
+
+/// A frame that is computed and not shown.
+struct Ahead {
+    both: Both,
+    /// Squared distances of the two runs [m^2], summed over each muscle.
+    apart: Vec<f64>,
+    /// Their estimate, and that of all vertices [m].
+    errors: Vec<f64>,
+    error: f64,
+    effort: Effort,
+    runs: [RefinedRun; 2],
+}
+
+impl RefinedRun {
+    fn add(&mut self, frame: &Self) {
+        self.steps += frame.steps;
+        self.time_s += frame.time_s;
+        if frame.tolerance > self.tolerance {
+            self.tolerance = frame.tolerance;
+        }
+    }
+}
+
+/// The scene of the two runs: their steps are not those of `scene`.
+pub(super) fn scene_of_runs(scene: &Scene) -> Scene {
+    let mut scene = Scene {
+        accuracy: None,
+        adapts_steps: false,
+        ..scene.clone()
+    };
+    if scene.solver.minimisation().is_some() && scene.solver.has_inertia() {
+        // Sweeps solve the same motion, and their steps can change.
+        scene.solver = Solver::default();
+    }
+    if let Solver::Xpbd(xpbd) = &mut scene.solver {
+        xpbd.iterations = 1;
+    }
+    scene
+}
+
+impl Refinement {
+    /// The two runs of a scene from the start of a simulation, to an error of `target` [m].
+    pub fn new(fine: Simulation, coarse: Simulation, usual: u32, target: f64) -> Self {
+        let usual = f64::from(usual);
+        let rule = Rule::new(Effort::of(&fine, usual, target));
+        let frames = fine.scene.frame_rate / USUAL_RATE;
+        let count = fine.bodies.len();
+        let mut new = Self {
+            shown: Both {
+                fine: Vec::new(),
+                coarse: Vec::new(),
+                rule,
+            },
+            fine,
+            coarse,
+            rule,
+            ahead: VecDeque::new(),
+            frames_ahead: (AHEAD * frames).ceil().clamp(1.0, MOST_AHEAD) as usize,
+            usual,
+            attained: Attained {
+                target_m: target,
+                error_m: 0.0,
+                frame: 0,
+                muscles_m: vec![0.0; count],
+                runs: Default::default(),
+                difference_m: 0.0,
+                repeated: 0,
+                repeated_s: 0.0,
+            },
+            errors: vec![0.0; count],
+        };
+        new.shown = new.both();
+        new
+    }
+
+    /// What it cost so far, and whether it was kept.
+    pub fn attained(&self) -> &Attained {
+        &self.attained
+    }
+
+    /// The estimated error of a muscle in the frame that is shown [m].
+    pub fn error(&self, body: usize) -> f64 {
+        self.errors[body]
+    }
+
+    /// Whether the error of the frame that is shown is within the target.
+    pub fn is_kept(&self) -> bool {
+        let counts = self.fine.bodies.iter().map(Body::count);
+        let squares = self.errors.iter().zip(counts.clone());
+        let sum: f64 = squares.map(|(e, n)| e * e * n as f64).sum();
+        let count: usize = counts.sum();
+        (sum / count.max(1) as f64).sqrt() <= self.attained.target_m
+    }
+
+    /// Goes on from `from`, whatever brought it where it is: both runs begin there.
+    pub fn begin_at(&mut self, from: &Simulation) {
+        self.fine.continue_from(from);
+        self.coarse.continue_from(from);
+        self.ahead.clear();
+        self.errors.fill(0.0);
+        self.shown = self.both();
+    }
+
+    /// Leaves `front` able to go on alone.
+    pub fn leave(self, front: &mut Simulation) {
+        front.undo(Some(&self.shown.fine));
+    }
+
+    /// Brings `front` to its next frame. Returns false if it was stopped, and then all is as before.
+    pub fn next(&mut self, front: &mut Simulation, stop: Stop<'_>) -> bool {
+        let last = front.scene.frames;
+        while self.ahead.is_empty()
+            || (self.ahead.len() < self.frames_ahead && self.fine.frame() < last)
+        {
+            if !self.compute(stop) {
+                return false;
+            }
+        }
+        if let Some(frame) = self.ahead.pop_front() {
+            self.show(front, frame);
+        }
+        true
+    }
+
+    /// Computes one more frame. Returns false if it was stopped.
+    fn compute(&mut self, stop: Stop<'_>) -> bool {
+        self.rule.effort.set(&mut self.fine, &mut self.coarse);
+        let timed = |run: &mut Simulation| {
+            let begin = Instant::now();
+            (run.compute_frame(stop), begin.elapsed().as_secs_f64())
+        };
+        let (fine, coarse) = rayon::join(|| timed(&mut self.fine), || timed(&mut self.coarse));
+        if !(fine.0 && coarse.0) {
+            // One of them can have ended before the other was stopped.
+            let at = self.ahead.back().map_or(&self.shown, |frame| &frame.both);
+            at.restore(&mut self.fine, &mut self.coarse);
+            return false;
+        }
+        let effort = self.rule.effort;
+        let runs = [
+            effort.spent(&self.coarse, LOOSER, coarse.1),
+            effort.spent(&self.fine, 1.0, fine.1),
+        ];
+        let pairs = self.fine.bodies.iter().zip(&self.coarse.bodies);
+        let apart: Vec<f64> = pairs.map(|(a, b)| a.squared_distance(b)).collect();
+        let (distance, of) = (rms(&apart, self.vertices()), effort.of_distance(self.usual));
+        let error = of * distance;
+        if std::env::var_os("RR").is_some() {
+            eprintln!(
+                "RR {} n {:.1} taken {} {} e {:.3} of {of:.2} t {:.3} {:.3}",
+                self.fine.frame(),
+                effort.amount,
+                self.fine.control.taken(),
+                self.coarse.control.taken(),
+                error * 1e3,
+                fine.1,
+                coarse.1
+            );
+        }
+        let (frame, share) = (self.fine.frame(), error / self.attained.target_m);
+        if self.rule.goes_back(frame, share, self.frames_ahead) {
+            self.go_back(error, runs);
+            return true;
+        }
+        self.rule.choose(frame, share);
+        let each = apart.iter().zip(&self.fine.bodies);
+        let errors = each.map(|(sum, body)| of * rms(&[*sum], body.count()));
+        let (errors, both) = (errors.collect(), self.both());
+        self.ahead.push_back(Ahead {
+            both,
+            apart,
+            errors,
+            error,
+            effort,
+            runs,
+        });
+        true
+    }
+
+    /// Goes back to the last calm frame that is not shown yet, or to the one that is, with more steps from
+    /// there up to the present frame.
+    fn go_back(&mut self, error: f64, runs: [RefinedRun; 2]) {
+        let (frame, target) = (self.fine.frame(), self.attained.target_m);
+        let calm = self.rule.calm();
+        let is_calm = |ahead: &Ahead| ahead.error <= calm * target;
+        let kept = self
+            .ahead
+            .iter()
+            .rposition(is_calm)
+            .map_or(0, |last| last + 1);
+        let lost: Vec<Ahead> = self.ahead.drain(kept..).collect();
+        let at = self.ahead.back().map_or(&self.shown, |frame| &frame.both);
+        at.restore(&mut self.fine, &mut self.coarse);
+        // What these frames took, in the mean.
+        let taken = lost.iter().map(|frame| frame.effort.amount);
+        let sum = taken.sum::<f64>() + self.rule.effort.amount;
+        let amount = sum / (lost.len() + 1) as f64;
+        self.rule
+            .begin_again(at.rule, frame, amount, error / target);
+        let lost = lost.iter().flat_map(|frame| frame.runs).chain(runs);
+        self.attained.repeated_s += lost.map(|run| run.time_s).sum::<f64>();
+        self.attained.repeated += (frame - self.fine.frame()) as u64;
+    }
+
+    fn show(&mut self, front: &mut Simulation, frame: Ahead) {
+        let Ahead {
+            both,
+            apart,
+            errors,
+            error,
+            effort: _,
+            runs,
+        } = frame;
+        let shown = front.restore_shown(&mut Reader::new(&both.fine));
+        debug_assert!(shown.is_ok());
+        for (shown, fine) in front.bodies.iter_mut().zip(&self.fine.bodies) {
+            shown.system.clock = fine.system.clock.clone();
+        }
+        self.errors = errors;
+        let difference = rms(&apart, self.vertices());
+        let attained = &mut self.attained;
+        for (most, now) in attained.muscles_m.iter_mut().zip(&self.errors) {
+            *most = max_or_nan([*most, *now]);
+        }
+        attained.difference_m = max_or_nan([attained.difference_m, difference]);
+        if !(error <= attained.error_m) {
+            (attained.error_m, attained.frame) = (error, front.frame());
+        }
+        let all = attained.runs.iter_mut().zip(&runs);
+        all.for_each(|(sum, frame)| sum.add(frame));
+        self.shown = both;
+    }
+
+    fn vertices(&self) -> usize {
+        self.fine.bodies.iter().map(Body::count).sum()
+    }
+
+    fn both(&self) -> Both {
+        let state = |run: &Simulation| {
+            let mut to = Writer::default();
+            run.save(&mut to);
+            to.bytes
+        };
+        Both {
+            fine: state(&self.fine),
+            coarse: state(&self.coarse),
+            rule: self.rule,
+        }
+    }
+}
+
+impl Both {
+    fn restore(&self, fine: &mut Simulation, coarse: &mut Simulation) {
+        fine.undo(Some(&self.fine));
+        coarse.undo(Some(&self.coarse));
+    }
+}
+
+/// Beside the state of the frame that is shown: that of the run with longer steps. Times are not kept.
+impl Refinement {
+    pub fn save(&self, to: &mut Writer) {
+        let Self {
+            fine: _,
+            coarse: _,
+            // The same as that of the frame that is shown, but for the present frame.
+            rule: _,
+            shown: Both { fine, coarse, rule },
+            // Made again.
+            ahead: _,
+            frames_ahead: _,
+            usual: _,
+            attained,
+            errors,
+        } = self;
+        to.list(fine);
+        to.list(coarse);
+        rule.save(to);
+        let Attained {
+            target_m: _,
+            error_m,
+            frame,
+            muscles_m,
+            runs,
+            difference_m,
+            repeated,
+            repeated_s: _,
+        } = attained;
+        to.put(&[*error_m, *difference_m]);
+        to.put(frame);
+        to.put(repeated);
+        to.list(muscles_m);
+        to.list(errors);
+        for RefinedRun {
+            steps,
+            tolerance,
+            time_s: _,
+        } in runs
+        {
+            to.put(steps);
+            to.put(tolerance);
+        }
+    }
+
+    /// Restores both runs, and what `front` shows of them.
+    pub fn restore(
+        &mut self,
+        front: &mut Simulation,
+        from: &mut Reader<'_>,
+    ) -> Result<(), DecodeError> {
+        let (fine, coarse): (Vec<u8>, Vec<u8>) = (from.take()?, from.take()?);
+        self.rule.restore(from)?;
+        let [error_m, difference_m] = from.take()?;
+        let (frame, repeated) = (from.take()?, from.take()?);
+        let (muscles_m, errors): (Vec<f64>, Vec<f64>) = (from.take()?, from.take()?);
+        let count = self.fine.bodies.len();
+        from.check(
+            [&muscles_m, &errors].iter().all(|e| e.len() == count),
+            "another number of muscles",
+        )?;
+        self.errors = errors;
+        for run in &mut self.attained.runs {
+            (run.steps, run.tolerance) = (from.take()?, from.take()?);
+        }
+        self.attained = Attained {
+            error_m,
+            difference_m,
+            frame,
+            repeated,
+            muscles_m,
+            ..self.attained.clone()
+        };
+        self.shown = Both {
+            fine,
+            coarse,
+            rule: self.rule,
+        };
+        front.restore_shown(&mut Reader::new(&self.shown.fine))?;
+        self.ahead.clear();
+        self.fine.restore(&mut Reader::new(&self.shown.fine))?;
+        self.coarse.restore(&mut Reader::new(&self.shown.coarse))
+    }
+}
+
+/// Root of the mean over `count` vertices [m] of squared distances that are summed over muscles [m^2].
+fn rms(sums: &[f64], count: usize) -> f64 {
+    (sums.iter().sum::<f64>() / count.max(1) as f64).sqrt()
+}

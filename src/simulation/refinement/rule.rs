@@ -1,0 +1,278 @@
+//! How many steps the frames of an accuracy take.
+
+use super::super::Simulation;
+use super::RefinedRun;
+use crate::state::{DecodeError, Reader, State, Writer};
+
+/// Ratio of the lengths of steps of the two runs.
+const RATIO: u32 = 4;
+
+/// Error relative to the distance of the two runs: where steps are as many as stability and stiffness ask
+/// for, and what it rises by for each halving of their number. There are too few sweeps then, and both runs
+/// lag behind alike.
+const OF_DISTANCE: f64 = 0.5;
+const FOR_HALF: f64 = 0.13;
+const MOST_OF_DISTANCE: f64 = 1.0;
+
+/// Ratio of the tolerances of two equilibria, and their error relative to their distance: a descent ends
+/// anywhere below its tolerance.
+pub(super) const LOOSER: f64 = 16.0;
+const OF_LOOSER: f64 = 0.5;
+
+/// The steps aim at this share of the target.
+const AIM: f64 = 0.7;
+
+/// Frames are made again from the last one whose error is at most this share of the target: for the first
+/// time, and the second. After that, all are that are not shown.
+const FROM: [f64; 2] = [0.5, 0.25];
+
+/// Least and greatest factor by which the number of steps changes from frame to frame, and when frames are
+/// made again.
+const FALL: (f64, f64) = (0.1, 0.95);
+const RISE: (f64, f64) = (0.3, 1.05);
+const AGAIN: (f64, f64) = (1.3, 4.0);
+
+/// Twice as many steps help if they bring an error below this share of itself. Two runs can differ for ever
+/// where a surface folds in different ways.
+const LESS: f64 = 0.8;
+
+/// What more steps do not lessen is accepted up to this multiple of it.
+const ACCEPTED: f64 = 1.25;
+
+/// Error that the usual steps of a scene make, relative to the length of a muscle, in the mean of many
+/// scenes, and how far a guess by it goes.
+const USUAL_ERROR: f64 = 3e-3;
+const GUESSES: (f64, f64) = (0.125, 8.0);
+
+/// Least and greatest number of steps of a frame, multiples of the ratio.
+
+const LEAST: f64 = 8.0;
+const MOST: f64 = 4096.0;
+
+/// Tolerance of an equilibrium at first, and the least and the greatest one.
+const FIRST_TOLERANCE: f64 = 1e-3;
+const LEAST_TOLERANCE: f64 = 1e-9;
+const MOST_TOLERANCE: f64 = 1e-2;
+
+/// How much a frame may cost: a number of steps, or a factor on the exactness of an equilibrium.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Effort {
+    /// The number of steps, or what divides the first tolerance.
+    pub amount: f64,
+    is_equilibrium: bool,
+}
+
+impl Effort {
+    /// A guess for the first frames of a run.
+    pub fn of(run: &Simulation, usual: f64, target: f64) -> Self {
+        let lengths = run.bodies.iter().map(|body| body.length);
+        let share = target / lengths.fold(f64::INFINITY, f64::min);
+        let effort = Self {
+            amount: 1.0,
+            is_equilibrium: !run.scene.solver.has_inertia(),
+        };
+        match effort.is_equilibrium {
+            true => effort,
+            false => effort.times((USUAL_ERROR / share).clamp(GUESSES.0, GUESSES.1) * usual),
+        }
+    }
+
+    fn range(self) -> (f64, f64) {
+        match self.is_equilibrium {
+            true => (
+                FIRST_TOLERANCE / MOST_TOLERANCE,
+                FIRST_TOLERANCE / LEAST_TOLERANCE,
+            ),
+            false => (LEAST, MOST),
+        }
+    }
+
+    pub fn times(self, factor: f64) -> Self {
+        let (least, most) = self.range();
+        // A NaN asks for as much as there is.
+        let amount = match self.amount * factor {
+            amount if amount <= most => amount.max(least),
+            _ => most,
+        };
+        Self { amount, ..self }
+    }
+
+    pub fn is_greatest(self) -> bool {
+        self.amount >= self.range().1
+    }
+
+    /// Error relative to the distance of the runs, for a scene that usually has this number of steps.
+    pub fn of_distance(self, usual: f64) -> f64 {
+        if self.is_equilibrium {
+            return OF_LOOSER;
+        }
+        let fewer = FOR_HALF * libm::log2(usual / self.amount);
+        (OF_DISTANCE + fewer).clamp(OF_DISTANCE, MOST_OF_DISTANCE)
+    }
+
+    /// Sets both runs for the next frame.
+    pub fn set(self, fine: &mut Simulation, coarse: &mut Simulation) {
+        if self.is_equilibrium {
+            let tolerance = FIRST_TOLERANCE / self.amount;
+            fine.set_tolerance(tolerance);
+            coarse.set_tolerance(LOOSER * tolerance);
+        } else {
+            let fewer = (self.amount / f64::from(RATIO)).ceil() as u32;
+            fine.control.tell(RATIO * fewer);
+            coarse.control.tell(fewer);
+        }
+    }
+
+    /// The cost of the last frame of a run.
+    pub fn spent(self, run: &Simulation, looser: f64, time_s: f64) -> RefinedRun {
+        RefinedRun {
+            steps: u64::from(run.control.taken()),
+            tolerance: match self.is_equilibrium {
+                true => looser * FIRST_TOLERANCE / self.amount,
+                false => 0.0,
+            },
+            time_s,
+        }
+    }
+}
+
+/// Chooses the steps of each frame. All errors are relative to the target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Rule {
+    pub effort: Effort,
+    /// No frame up to this one takes less, and how much.
+    floor: (usize, f64),
+    /// The last frame for which frames were made again, how often in its surroundings, and the effort before.
+    again: (usize, u32, f64),
+    /// Errors up to this one are accepted.
+    accepted: f64,
+    /// The effort and the error when it began to rise; zero if it does not.
+    rise: (f64, f64),
+    /// Whether rising was in vain.
+    is_vain: bool,
+}
+
+impl Rule {
+    pub fn new(effort: Effort) -> Self {
+        Self {
+            effort,
+            floor: (0, 0.0),
+            again: (0, 0, 0.0),
+            accepted: 0.0,
+            rise: (0.0, 0.0),
+            is_vain: false,
+        }
+    }
+
+    /// Chooses the steps of the frame after `frame` by the error there. They follow it slowly: it comes
+    /// from many frames, and the steps of one hardly change it.
+    pub fn choose(&mut self, frame: usize, error: f64) {
+        let share = error / AIM;
+        if share <= 1.0 {
+            (self.rise, self.is_vain) = ((0.0, 0.0), false);
+            let factor = libm::pow(share, FALL.0).clamp(FALL.1, 1.0);
+            self.effort = self.effort.times(factor);
+        } else if !self.is_vain {
+            if self.rise.0 == 0.0 {
+                self.rise = (self.effort.amount, error);
+            }
+            let (amount, before) = self.rise;
+            if self.effort.amount >= 2.0 * amount && !(error <= LESS * before) {
+                self.is_vain = true;
+                self.effort.amount = amount;
+            } else {
+                let factor = libm::pow(share, RISE.0).clamp(1.0, RISE.1);
+                self.effort = self.effort.times(factor);
+            }
+        }
+        if frame < self.floor.0 && !(self.effort.amount >= self.floor.1) {
+            self.effort.amount = self.floor.1;
+        }
+    }
+
+    /// Whether the error of `frame` asks for more steps in it and in the frames before, of which up to
+    /// `ahead` can be made again.
+    pub fn goes_back(&mut self, frame: usize, error: f64, ahead: usize) -> bool {
+        let is_near = self.again.1 > 0 && frame <= self.again.0 + ahead;
+        if !is_near {
+            (self.again, self.accepted) = ((frame, 0, self.effort.amount), 0.0);
+        }
+        if error <= 1.0 || error <= self.accepted {
+            return false;
+        }
+        let (last, times, amount) = self.again;
+        self.again.0 = last.max(frame);
+        if times as usize > FROM.len() || self.effort.is_greatest() {
+            self.accepted = ACCEPTED * error;
+            (self.effort.amount, self.floor, self.is_vain) = (amount, (0, 0.0), true);
+            return false;
+        }
+        self.again.1 += 1;
+        true
+    }
+
+    /// Frames whose error is at most this are good enough to begin again from.
+    pub fn calm(&self) -> f64 {
+        let times = self.again.1.saturating_sub(1) as usize;
+        FROM.get(times).copied().unwrap_or(0.0)
+    }
+
+    /// Begins again with the rule of an earlier frame, and more than the `amount` with which the error of
+    /// `frame` came about.
+    pub fn begin_again(&mut self, from: Self, frame: usize, amount: f64, error: f64) {
+        let factor = (error / AIM).clamp(AGAIN.0, AGAIN.1);
+        let effort = Effort {
+            amount,
+            ..self.effort
+        }
+        .times(factor);
+        *self = Self {
+            effort,
+            floor: (frame, effort.amount),
+            again: self.again,
+            accepted: self.accepted,
+            ..from
+        };
+    }
+}
+
+impl State for Rule {
+    fn save(&self, to: &mut Writer) {
+        let Self {
+            effort:
+                Effort {
+                    amount,
+                    is_equilibrium: _,
+                },
+            floor,
+            again,
+            accepted,
+            rise,
+            is_vain,
+        } = self;
+        to.put(&[*amount, floor.1, again.2, *accepted, rise.0, rise.1]);
+        to.put(&[floor.0, again.0]);
+        to.put(&again.1);
+        to.put(is_vain);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
+        let [amount, least, before, accepted, rise, error] = from.take()?;
+        let [until, last] = from.take()?;
+        let range = self.effort.range();
+        let is_sound = amount >= range.0 && amount <= range.1;
+        from.check(is_sound, "a number of steps that no frame takes")?;
+        *self = Self {
+            effort: Effort {
+                amount,
+                ..self.effort
+            },
+            floor: (until, least),
+            again: (last, from.take()?, before),
+            accepted,
+            rise: (rise, error),
+            is_vain: from.take()?,
+        };
+        Ok(())
+    }
+}
