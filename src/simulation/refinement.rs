@@ -78,8 +78,6 @@ pub(super) struct Refinement {
     /// Frames that are not shown yet.
     ahead: VecDeque<Ahead>,
     frames_ahead: usize,
-    /// Number of steps of a frame that the scene would have without an accuracy.
-    usual: f64,
     attained: Attained,
     /// The estimate of each muscle in the frame that is shown [m].
     errors: Vec<f64>,
@@ -149,7 +147,6 @@ impl Refinement {
             rule,
             ahead: VecDeque::new(),
             frames_ahead: (AHEAD * frames).ceil().clamp(1.0, MOST_AHEAD) as usize,
-            usual,
             attained: Attained {
                 target_m: target,
                 error_m: 0.0,
@@ -236,7 +233,7 @@ impl Refinement {
         ];
         let pairs = self.fine.bodies.iter().zip(&self.coarse.bodies);
         let apart: Vec<f64> = pairs.map(|(a, b)| a.squared_distance(b)).collect();
-        let (distance, of) = (rms(&apart, self.vertices()), effort.of_distance(self.usual));
+        let (distance, of) = (rms(&apart, self.vertices()), effort.of_distance());
         let error = of * distance;
         if std::env::var_os("RR").is_some() {
             eprintln!(
@@ -361,7 +358,6 @@ impl Refinement {
             // Made again.
             ahead: _,
             frames_ahead: _,
-            usual: _,
             attained,
             errors,
         } = self;

@@ -171,6 +171,12 @@ impl StepControl {
         (self.first, self.steps, self.proved, self.is_told) = (first, steps, steps, true);
     }
 
+    /// Sets the greatest number of steps of a frame, relative to the first one.
+    pub fn limit(&mut self, most: u32) {
+        (self.most, self.most_followed) = (most, most);
+        self.steps = self.steps.min(self.greatest());
+    }
+
     /// Begins a frame.
     pub fn begin_frame(&mut self) {
         self.tried = f64::INFINITY;

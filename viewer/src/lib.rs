@@ -21,7 +21,7 @@
 //! controls.
 //!
 //! *Limitations.* A session continues after the last frame of its scene; bones then stay where
-//! their motion ends. A requested accuracy of the scene selects no solver here. Skin ends at its
+//! their motion ends. Where something moves by hand, no requested accuracy is kept. Skin ends at its
 //! last frame. Any change of skin restarts it: meshes are read and skin is prepared again, and the
 //! frames up to the present one are computed even in a pause. If a dragged implant does not fit,
 //! the error appears only after the preparation, not with the answer to the move. A lattice with

@@ -1,12 +1,10 @@
 //! Muscles among bones in a session: interactive changes between frames.
 
-mod accuracy_search;
 mod shots;
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::time::Duration;
 
 use nalgebra::{Isometry3, Point3};
 
@@ -15,8 +13,6 @@ use super::recipe::{Recipe, Refused, StartError, check_index, check_number, word
 use super::session::Command;
 use super::snapshot::{Shot, Stage, Steering};
 use super::subject::{Advanced, Subject, Watch};
-use accuracy_search::AccuracySearch;
-use pliant::accuracy::Chosen;
 use pliant::scene::{Key, Motion, Scene};
 use pliant::simulation::{Assets, Plan, Simulation};
 use shots::{angle, seconds};
@@ -28,9 +24,6 @@ pub const MOST_TURN: f64 = 0.03;
 /// Stiffness of the drag spring, relative to that of the muscle's surface.
 const DRAG: f64 = 3.0;
 
-/// Time between two polls of an accuracy search.
-const POLL_INTERVAL: Duration = Duration::from_millis(50);
-
 /// A bone that is rotated by hand.
 #[derive(Clone, Copy, Debug)]
 struct Hand {
@@ -40,13 +33,6 @@ struct Hand {
     /// The motion of the bone without this rotation: pose = turn(angle) offset.
     offset: Isometry3<f64>,
 }
-
-/// The path of the requested accuracy in the scene.
-const ACCURACY: &str = "accuracy";
-
-/// The error if no search can start.
-const NO_THREAD: &str =
-    "the system gives no thread to choose settings in; end other programs and try again";
 
 /// A scene of muscles in a session.
 pub(super) struct Muscles {
@@ -64,9 +50,6 @@ pub(super) struct Muscles {
     fixed: Vec<Vec<u32>>,
     drags: Vec<Option<(u32, Point3<f64>, f64)>>,
     probe: Option<(usize, usize)>,
-    /// The running accuracy search, and the result of the last one.
-    search: Option<AccuracySearch>,
-    search_result: String,
     /// Time of each effect up to the last frame [s], and in that frame [ms].
     clock: BTreeMap<&'static str, f64>,
     effects: Vec<(&'static str, f64)>,
@@ -88,8 +71,6 @@ impl Muscles {
             fixed: vec![Vec::new(); scene.muscles.len()],
             drags: vec![None; scene.muscles.len()],
             probe: None,
-            search: None,
-            search_result: String::new(),
             stage: Arc::new(shots::stage(&simulation)),
             controls: Arc::new(panel::controls(&scene, &scene)),
             start: scene.clone(),
@@ -156,42 +137,13 @@ impl Muscles {
         Simulation::with(scene.clone(), self.assets.clone(), plan).map_err(Refused::Load)
     }
 
-    /// Continues with other numbers; a requested accuracy starts a search.
+    /// Continues with other numbers.
     fn change(&mut self, path: &str, recipe: Recipe) -> Result<(), Refused> {
         let scene = recipe.checked(path, &self.scene, &self.assets)?;
-        let search = match (path, scene.accuracy) {
-            (ACCURACY, Some(accuracy)) => Some(
-                AccuracySearch::new(&scene, &self.assets, accuracy)
-                    .map_err(|_| Refused::NotHere(NO_THREAD))?,
-            ),
-            _ => None,
-        };
         self.continue_as(&scene, self.fixed.clone())?;
-        if path == ACCURACY {
-            (self.search, self.search_result) = (search, String::new());
-        }
         self.controls = Arc::new(panel::controls(&self.start, &scene));
         (self.recipe, self.scene) = (recipe, Arc::new(scene));
         Ok(())
-    }
-
-    /// Applies the result of an accuracy search.
-    fn finish_search(&mut self, found: Result<Chosen, String>) {
-        self.search = None;
-        self.search_result = match found {
-            Err(why) => format!("no setting was chosen: {why}"),
-            Ok(chosen) => {
-                let with =
-                    |recipe: Recipe, (path, value): &(String, String)| recipe.with(path, value);
-                let recipe = accuracy_search::changes(&chosen)
-                    .iter()
-                    .fold(self.recipe.clone(), with);
-                match self.change("solver", recipe) {
-                    Ok(()) => chosen.why,
-                    Err(refused) => format!("{}; not taken: {refused}", chosen.why),
-                }
-            }
-        };
     }
 
     /// Continues with other fixed vertices.
@@ -361,18 +313,7 @@ impl Subject for Muscles {
         self.seen()
     }
 
-    fn wants_frames(&self) -> bool {
-        self.search.is_some()
-    }
-
     fn advance(&mut self, _: Watch<'_>) -> Advanced {
-        // The search measures times: nothing else runs.
-        if let Some(search) = &self.search {
-            if let Some(found) = search.wait(POLL_INTERVAL) {
-                self.finish_search(found);
-            }
-            return Advanced::Interrupted;
-        }
         self.steer_bones();
         let (step, frame, simulation) =
             (self.step, self.simulation.frame() + 1, &mut self.simulation);

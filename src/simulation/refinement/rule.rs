@@ -5,14 +5,17 @@ use super::RefinedRun;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Ratio of the lengths of steps of the two runs.
-const RATIO: u32 = 4;
+const RATIO: u32 = 2;
 
 /// Error relative to the distance of the two runs: where steps are as many as stability and stiffness ask
 /// for, and what it rises by for each halving of their number. There are too few sweeps then, and both runs
 /// lag behind alike.
 const OF_DISTANCE: f64 = 0.5;
-const FOR_HALF: f64 = 0.13;
-const MOST_OF_DISTANCE: f64 = 1.0;
+const FOR_HALF: f64 = 0.4;
+const MOST_OF_DISTANCE: f64 = 1.6;
+
+/// Greatest factor by which jumps shorten the steps of the run with longer ones.
+const COARSE_MOST: u32 = 4;
 
 /// Ratio of the tolerances of two equilibria, and their error relative to their distance: a descent ends
 /// anywhere below its tolerance.
@@ -28,9 +31,13 @@ const FROM: [f64; 2] = [0.5, 0.25];
 
 /// Least and greatest factor by which the number of steps changes from frame to frame, and when frames are
 /// made again.
-const FALL: (f64, f64) = (0.1, 0.95);
+const FALL: (f64, f64) = (0.1, 0.96);
 const RISE: (f64, f64) = (0.3, 1.05);
 const AGAIN: (f64, f64) = (1.3, 4.0);
+
+/// A peak of the error fades by this factor a frame, and has passed when the error is below this share of it.
+const FADES: f64 = 0.98;
+const PASSED: f64 = 0.9;
 
 /// Twice as many steps help if they bring an error below this share of itself. Two runs can differ for ever
 /// where a surface folds in different ways.
@@ -41,13 +48,13 @@ const ACCEPTED: f64 = 1.25;
 
 /// Error that the usual steps of a scene make, relative to the length of a muscle, in the mean of many
 /// scenes, and how far a guess by it goes.
-const USUAL_ERROR: f64 = 3e-3;
-const GUESSES: (f64, f64) = (0.125, 8.0);
+const USUAL_ERROR: f64 = 1e-2;
+const GUESSES: (f64, f64) = (0.25, 4.0);
 
-/// Least and greatest number of steps of a frame, multiples of the ratio.
-
-const LEAST: f64 = 8.0;
-const MOST: f64 = 4096.0;
+/// Least and greatest number of steps of a frame, relative to the usual one: with fewer, surfaces fold that
+/// stay folded.
+const LEAST: f64 = 0.3;
+const MOST: f64 = 16.0;
 
 /// Tolerance of an equilibrium at first, and the least and the greatest one.
 const FIRST_TOLERANCE: f64 = 1e-3;
@@ -59,7 +66,8 @@ const MOST_TOLERANCE: f64 = 1e-2;
 pub(super) struct Effort {
     /// The number of steps, or what divides the first tolerance.
     pub amount: f64,
-    is_equilibrium: bool,
+    /// The usual number of steps; `None` for equilibria.
+    usual: Option<f64>,
 }
 
 impl Effort {
@@ -69,21 +77,21 @@ impl Effort {
         let share = target / lengths.fold(f64::INFINITY, f64::min);
         let effort = Self {
             amount: 1.0,
-            is_equilibrium: !run.scene.solver.has_inertia(),
+            usual: run.scene.solver.has_inertia().then_some(usual),
         };
-        match effort.is_equilibrium {
-            true => effort,
-            false => effort.times((USUAL_ERROR / share).clamp(GUESSES.0, GUESSES.1) * usual),
+        match effort.usual {
+            None => effort,
+            Some(usual) => effort.times((USUAL_ERROR / share).clamp(GUESSES.0, GUESSES.1) * usual),
         }
     }
 
     fn range(self) -> (f64, f64) {
-        match self.is_equilibrium {
-            true => (
+        match self.usual {
+            None => (
                 FIRST_TOLERANCE / MOST_TOLERANCE,
                 FIRST_TOLERANCE / LEAST_TOLERANCE,
             ),
-            false => (LEAST, MOST),
+            Some(usual) => (LEAST * usual, MOST * usual),
         }
     }
 
@@ -101,18 +109,18 @@ impl Effort {
         self.amount >= self.range().1
     }
 
-    /// Error relative to the distance of the runs, for a scene that usually has this number of steps.
-    pub fn of_distance(self, usual: f64) -> f64 {
-        if self.is_equilibrium {
+    /// Error relative to the distance of the runs.
+    pub fn of_distance(self) -> f64 {
+        let Some(usual) = self.usual else {
             return OF_LOOSER;
-        }
+        };
         let fewer = FOR_HALF * libm::log2(usual / self.amount);
         (OF_DISTANCE + fewer).clamp(OF_DISTANCE, MOST_OF_DISTANCE)
     }
 
     /// Sets both runs for the next frame.
     pub fn set(self, fine: &mut Simulation, coarse: &mut Simulation) {
-        if self.is_equilibrium {
+        if self.usual.is_none() {
             let tolerance = FIRST_TOLERANCE / self.amount;
             fine.set_tolerance(tolerance);
             coarse.set_tolerance(LOOSER * tolerance);
@@ -120,6 +128,7 @@ impl Effort {
             let fewer = (self.amount / f64::from(RATIO)).ceil() as u32;
             fine.control.tell(RATIO * fewer);
             coarse.control.tell(fewer);
+            coarse.control.limit(COARSE_MOST);
         }
     }
 
@@ -127,9 +136,9 @@ impl Effort {
     pub fn spent(self, run: &Simulation, looser: f64, time_s: f64) -> RefinedRun {
         RefinedRun {
             steps: u64::from(run.control.taken()),
-            tolerance: match self.is_equilibrium {
-                true => looser * FIRST_TOLERANCE / self.amount,
-                false => 0.0,
+            tolerance: match self.usual {
+                None => looser * FIRST_TOLERANCE / self.amount,
+                Some(_) => 0.0,
             },
             time_s,
         }
@@ -150,6 +159,8 @@ pub(super) struct Rule {
     rise: (f64, f64),
     /// Whether rising was in vain.
     is_vain: bool,
+    /// A recent peak of the error: before one, few steps would be too few later.
+    peak: f64,
 }
 
 impl Rule {
@@ -161,6 +172,7 @@ impl Rule {
             accepted: 0.0,
             rise: (0.0, 0.0),
             is_vain: false,
+            peak: 0.0,
         }
     }
 
@@ -168,10 +180,14 @@ impl Rule {
     /// from many frames, and the steps of one hardly change it.
     pub fn choose(&mut self, frame: usize, error: f64) {
         let share = error / AIM;
+        let faded = FADES * self.peak;
+        self.peak = if error <= faded { faded } else { error };
         if share <= 1.0 {
             (self.rise, self.is_vain) = ((0.0, 0.0), false);
-            let factor = libm::pow(share, FALL.0).clamp(FALL.1, 1.0);
-            self.effort = self.effort.times(factor);
+            if error <= PASSED * self.peak {
+                let factor = libm::pow(share, FALL.0).clamp(FALL.1, 1.0);
+                self.effort = self.effort.times(factor);
+            }
         } else if !self.is_vain {
             if self.rise.0 == 0.0 {
                 self.rise = (self.effort.amount, error);
@@ -239,25 +255,24 @@ impl Rule {
 impl State for Rule {
     fn save(&self, to: &mut Writer) {
         let Self {
-            effort:
-                Effort {
-                    amount,
-                    is_equilibrium: _,
-                },
+            effort: Effort { amount, usual: _ },
             floor,
             again,
             accepted,
             rise,
             is_vain,
+            peak,
         } = self;
-        to.put(&[*amount, floor.1, again.2, *accepted, rise.0, rise.1]);
+        to.put(&[*amount, floor.1, again.2, *accepted]);
+        to.put(&[rise.0, rise.1, *peak]);
         to.put(&[floor.0, again.0]);
         to.put(&again.1);
         to.put(is_vain);
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
-        let [amount, least, before, accepted, rise, error] = from.take()?;
+        let [amount, least, before, accepted] = from.take()?;
+        let [rise, error, peak] = from.take()?;
         let [until, last] = from.take()?;
         let range = self.effort.range();
         let is_sound = amount >= range.0 && amount <= range.1;
@@ -272,6 +287,7 @@ impl State for Rule {
             accepted,
             rise: (rise, error),
             is_vain: from.take()?,
+            peak,
         };
         Ok(())
     }

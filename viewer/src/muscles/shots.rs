@@ -64,12 +64,7 @@ impl Muscles {
             bones: (0..self.scene.bones.len()).map(bone).collect(),
             handles: Vec::new(),
             effects: self.effects.clone(),
-            notes: simulation
-                .notes
-                .iter()
-                .cloned()
-                .chain(self.search_note())
-                .collect(),
+            notes: simulation.notes.clone(),
         }
     }
 
@@ -78,7 +73,8 @@ impl Muscles {
         let many = bodies.len() > 1;
         let mut all = Vec::new();
         let effects = &self.scene.effects;
-        for (body, shot) in self.simulation.bodies.iter().zip(bodies) {
+        let pairs = self.simulation.bodies.iter().zip(bodies);
+        for (k, (body, shot)) in pairs.enumerate() {
             let of = || {
                 if many {
                     body.name.clone()
@@ -94,6 +90,9 @@ impl Muscles {
                     value,
                 })
             };
+            if let Some(attained) = self.simulation.attained() {
+                add("Estimated error", "mm", 1e3 * attained.muscles_m[k]);
+            }
             if effects.volume.is_some() {
                 add("Volume error", "", shot.volume_error.abs());
             }
@@ -111,14 +110,6 @@ impl Muscles {
             }
         }
         all
-    }
-
-    /// The message about the requested accuracy.
-    fn search_note(&self) -> Option<String> {
-        match &self.search {
-            Some(search) => Some(format!("choosing solver and settings, {}", search.part())),
-            None => (!self.search_result.is_empty()).then(|| self.search_result.clone()),
-        }
     }
 
     /// Measures of a vertex.

@@ -178,7 +178,7 @@ fn moved(name: &str, overrides: &[&str], solvers: &[&str]) -> BTreeSet<String> {
             let (Some(path), Some(value)) = (control.path(), another(&control)) else {
                 continue;
             };
-            // The loop sets the solver. An accuracy depends on measured times, which differ.
+            // The loop sets the solver. An accuracy computes many frames before it shows one.
             if path == "solver" || path == "accuracy" {
                 continue;
             }
