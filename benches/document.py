@@ -35,7 +35,7 @@ TEMPLATE = ROOT / "benches" / "benchmarks.template.md"
 COUNTS = ROOT / "benches" / "instructions.csv"
 DOCUMENT = ROOT / "docs" / "benchmarks.md"
 # Documents that are written by hand but for some tables.
-WITH_TABLES = [ROOT / "docs" / "morphing.md"]
+WITH_TABLES = [ROOT / "docs" / "morphing.md", ROOT / "docs" / "accuracy.md"]
 TABLE = re.compile(r"(<!-- rows (\S+): `python3 benches/document\.py --only (\S+)` -->\n).*?(<!-- end of rows -->)", re.DOTALL)
 PEERS = ["cargo", "run", "--release", "--manifest-path", "benches/peers/Cargo.toml"]
 DASH = "–"
@@ -57,7 +57,7 @@ COMMANDS = {
     "constraints": bench("constraints"),
     "equilibrium": bench("equilibrium"),
     "work_precision": bench("work_precision"),
-    "choice": bench("choice"),
+    "accuracy": bench("accuracy"),
     "closest": bench("closest"),
     "contact": bench("contact"),
     "fibres": bench("fibres"),

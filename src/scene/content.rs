@@ -235,7 +235,7 @@ pub const OF_MUSCLES: &[Measure] = &[
         1e3,
     ),
     ("residual_m", "residual [mm]", 1e3),
-    ("error_estimate_m", "error estimate [mm]", 1e3),
+    ("error_estimate.solver_m", "error estimate [mm]", 1e3),
 ];
 
 /// Measures of scenes of skin, for all implants together, in the last frame.

@@ -220,6 +220,11 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         .get("accuracy")
         .map(|item| parse_effects::accuracy(&item));
     let accuracy = all.keep(accuracy.transpose());
+    all.keep(parse_effects::has_an_energy(
+        root,
+        accuracy.flatten(),
+        solver.as_ref(),
+    ));
     let limits = all.keep(limits::limits(root));
     all.end()?;
     Ok(Scene {

@@ -82,3 +82,23 @@ pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
         item.quantity(Dimension::Length, Limit::Positive)?,
     ))
 }
+
+/// Checks that an error of `solver` can be told, if an accuracy asks for it.
+pub(super) fn has_an_energy(
+    root: &Section<'_>,
+    accuracy: Option<Accuracy>,
+    solver: Option<&Solver>,
+) -> Result<(), SceneError> {
+    let (Some(item), Some(_)) = (root.get("accuracy"), accuracy) else {
+        return Ok(());
+    };
+    if solver.is_none_or(|solver| !solver.has_classic_stiffness()) {
+        return Ok(());
+    }
+    let message = "classic PBD has no energy: what it tends to depends on its steps and sweeps";
+    let hint = "leave the accuracy out, or take `[solver.xpbd]`";
+    item.fail(SceneProblem::Override {
+        message: message.to_owned(),
+        hint: hint.to_owned(),
+    })
+}

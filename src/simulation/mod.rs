@@ -130,7 +130,7 @@ impl Simulation {
         let Some(accuracy) = scene.accuracy else {
             return Self::alone(scene, assets, plan);
         };
-        let usual = scene.solver.substeps();
+        let usual = refinement::usual_steps(&scene);
         let scene = refinement::scene_of_runs(&scene);
         let run = || Self::alone(scene.clone(), assets.clone(), plan.clone());
         let mut front = run()?;

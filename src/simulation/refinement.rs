@@ -27,6 +27,10 @@ const AHEAD: f64 = 24.0;
 const USUAL_RATE: f64 = 60.0;
 const MOST_AHEAD: f64 = 96.0;
 
+/// Usual number of steps where a scene names none, as in most scenes of muscles, and the least one.
+const UNNAMED: u32 = 64;
+const FEWEST_USUAL: u32 = 16;
+
 /// What an accuracy cost, and whether it was kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attained {
@@ -109,6 +113,14 @@ impl RefinedRun {
         if frame.tolerance > self.tolerance {
             self.tolerance = frame.tolerance;
         }
+    }
+}
+
+/// Number of steps of a frame that a scene usually has: the one that it names.
+pub(super) fn usual_steps(scene: &Scene) -> u32 {
+    match scene.solver {
+        Solver::Xpbd(xpbd) if !scene.adapts_steps => xpbd.substeps.max(FEWEST_USUAL),
+        _ => UNNAMED,
     }
 }
 
@@ -235,18 +247,6 @@ impl Refinement {
         let apart: Vec<f64> = pairs.map(|(a, b)| a.squared_distance(b)).collect();
         let (distance, of) = (rms(&apart, self.vertices()), effort.of_distance());
         let error = of * distance;
-        if std::env::var_os("RR").is_some() {
-            eprintln!(
-                "RR {} n {:.1} taken {} {} e {:.3} of {of:.2} t {:.3} {:.3}",
-                self.fine.frame(),
-                effort.amount,
-                self.fine.control.taken(),
-                self.coarse.control.taken(),
-                error * 1e3,
-                fine.1,
-                coarse.1
-            );
-        }
         let (frame, share) = (self.fine.frame(), error / self.attained.target_m);
         if self.rule.goes_back(frame, share, self.frames_ahead) {
             self.go_back(error, runs);

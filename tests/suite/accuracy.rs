@@ -1,5 +1,4 @@
-//! Cost of accuracy: references converge, errors fall towards them, and a chosen setting keeps
-//! its target.
+//! Cost of accuracy: references converge, and errors fall towards them.
 
 use std::cell::Cell;
 use std::fs;
@@ -9,13 +8,12 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use nalgebra::{Point3, Vector3};
-use pliant::accuracy::choose;
 use pliant::accuracy::{FrameDistance, Status, Study, StudyError, StudyOptions, StudyRow, measure};
 use pliant::io::Encoding;
 use pliant::mesh::shapes::{icosphere, tube};
 use pliant::progress::{Progress, Silent};
 use pliant::scene::SolverQuestion;
-use pliant::scene::{Accuracy, Scene, Solver, parse};
+use pliant::scene::{Scene, Solver, parse};
 use pliant::simulation::Assets;
 
 use crate::tolerances::{T4, worst};
@@ -206,41 +204,6 @@ fn a_wrong_reference_is_seen() {
     let distance = FrameDistance::between(study.reference.frames(), &moved);
     assert!((distance.rms - shift.norm()).abs() <= T4 * shift.norm());
     assert!(worst([(distance.max - distance.rms).abs()]) <= T4 * shift.norm());
-}
-
-#[test]
-fn an_accuracy_is_kept_or_said_to_be_missed() {
-    let (scene, assets) = scene("chosen", "[solver.xpbd]\nsubsteps = 20\n");
-    let pick = |accuracy| {
-        choose(
-            &scene,
-            &assets,
-            accuracy,
-            Duration::from_secs(8),
-            1,
-            &Silent,
-        )
-        .expect("a choice")
-    };
-    let kept = pick(Accuracy::Share(0.02));
-    assert!(
-        kept.is_kept() && kept.expected_m <= 0.02 * 0.1,
-        "{}",
-        kept.why
-    );
-    assert!(kept.why.starts_with("the fastest"), "{}", kept.why);
-    let missed = pick(Accuracy::Length(1e-12));
-    assert!(
-        !missed.is_kept() && missed.why.starts_with("none of"),
-        "{}",
-        missed.why
-    );
-    assert!(
-        missed.expected_m < kept.expected_m,
-        "the most accurate is taken: {} for {}",
-        missed.why,
-        kept.why
-    );
 }
 
 #[test]

@@ -32,6 +32,7 @@ mod moment_arms;
 mod morph;
 mod oracles;
 mod pairs;
+mod refinement;
 mod scale;
 mod scene;
 mod scenes;

@@ -11,6 +11,7 @@ use super::plan::Prepared;
 use super::quality::{self, Quality, RunQuality};
 use super::record::{Record, effect_name};
 use pliant::contact::{Certificate, PartedPair};
+use pliant::format::number;
 use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::{Solver, Source, likely_units};
 use pliant::simulation::{Attained, Body, Measures, RefinedRun, Simulation, VOLUME_HELD};
@@ -101,7 +102,7 @@ impl ErrorEstimate {
         let body = &simulation.bodies[m];
         match simulation.attained() {
             Some(attained) => Self::by(attained.muscles_m[m], way(attained)),
-            None => Self::by(body.error_estimate(residual_m), "residual"),
+            None => Self::by(body.error_estimate(residual_m), "the residual"),
         }
     }
 
@@ -111,12 +112,13 @@ impl ErrorEstimate {
             Some(attained) => Self::by(attained.error_m, way(attained)),
             None => {
                 let each = muscles.iter().map(|m| m.error_estimate.solver_m);
-                Self::by(max_or_nan(each), "residual")
+                Self::by(max_or_nan(each), "the residual")
             }
         }
     }
 
-    fn by(solver_m: f64, method: &'static str) -> Self {
+    /// The estimate of a solver's error [m], and how it was found.
+    pub(super) fn by(solver_m: f64, method: &'static str) -> Self {
         Self {
             solver_m,
             mesh_m: None,
@@ -177,15 +179,24 @@ pub(super) fn output(
         all.into_iter().map(|verdict| verdict.at(&*muscle.name))
     }));
     let plot = |plot| Plot { file: None, plot };
-    let mut tables = shown::tables(&muscles, &record, &solver(&simulation.scene.solver));
+    let mut how = solver(&simulation.scene.solver);
+    if let Some(attained) = attained {
+        how = steps(simulation, attained);
+    }
+    let mut tables = shown::tables(&muscles, &record, &how);
     tables.push(audit::table(&audit.summary));
     tables.extend(Prepared::new(simulation).tables());
     tables.retain(|t| !t.rows.is_empty());
-    let plots = shown::plots(&muscles, &simulation.plan, &record);
+    let plots = shown::plots(
+        &muscles,
+        &simulation.plan,
+        &record,
+        attained.map(|a| a.target_m),
+    );
     RunOutput {
         kind: "muscles",
         measures: json!({
-            "solver": solver(&simulation.scene.solver),
+            "solver": how,
             "error_estimate": ErrorEstimate::of_all(simulation, &muscles),
             "accuracy": attained.map(accuracy),
             "muscles": muscles,
@@ -333,6 +344,21 @@ fn solver(solver: &Solver) -> String {
         settings.push(format!("{} {value}", key.key.replace('_', " ")));
     }
     format!("{}: {}", solver.spec().name, settings.join(", "))
+}
+
+/// What the frames of an accuracy took, in one line.
+fn steps(simulation: &Simulation, attained: &Attained) -> String {
+    let (name, run) = (simulation.scene.solver.spec().name, &attained.runs[1]);
+    match run.tolerance > 0.0 {
+        true => format!(
+            "{name}: tolerance at most {}, by the error",
+            number(run.tolerance)
+        ),
+        false => {
+            let mean = run.steps as f64 / simulation.frame().max(1) as f64;
+            format!("{name}: substeps {mean:.1} in the mean, by the error of each frame")
+        }
+    }
 }
 
 /// The check of the requested accuracy, by the estimate.

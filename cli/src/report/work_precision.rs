@@ -2,6 +2,7 @@
 
 use serde_json::{Value, json};
 
+use super::muscles::ErrorEstimate;
 use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::plot::{LinePlot, Series};
 use super::table::Table;
@@ -45,7 +46,7 @@ const COLUMNS: [&str; 30] = [
     "penetration_m",
     "fibre_length_error_m",
     "residual_m",
-    "error_estimate_m",
+    "error_estimate.solver_m",
     "solver_iterations",
     "on_front",
 ];
@@ -108,7 +109,7 @@ fn row_json(study: &Study, row: &StudyRow) -> Value {
         "penetration_m": row.penetration_m,
         "fibre_length_error_m": row.fibre_error_m,
         "residual_m": row.residual_m,
-        "error_estimate_m": row.error_estimate_m,
+        "error_estimate": ErrorEstimate::by(row.error_estimate_m, "the residual"),
         "solver_iterations": row.solver_iterations,
         "time_s": row.time_s,
         "time_range_s": row.time_range_s,

@@ -261,7 +261,10 @@ impl<'a> Looks<'a> {
                 most(|m| m.distance_from_start_rms_m),
             ),
             ("residual_m", most(|m| m.residual_max_m)),
-            ("error_estimate_m", most(|m| m.error_estimate.solver_m)),
+            (
+                "error_estimate.solver_m",
+                most(|m| m.error_estimate.solver_m),
+            ),
         ];
         Outcome {
             frames: simulation.frame(),

@@ -166,10 +166,6 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
         &["distance", "--checkpoint-every", "0"],
         &["--checkpoint-every", "1..=10000000"],
     );
-    refuse(
-        &["hip", "--accuracy", "1 %", "--checkpoint-every", "5"],
-        &["measured times", "leave accuracy out"],
-    );
     run_into(
         &out,
         &["distance", "--frames", "4", "--checkpoint-every", "2"],

@@ -292,3 +292,95 @@ impl State for Rule {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const AHEAD: usize = 24;
+
+    fn begun(amount: f64) -> Rule {
+        Rule::new(Effort {
+            amount,
+            usual: Some(64.0),
+        })
+    }
+
+    /// Runs 200 frames with the error that a frame and its effort make. Frames are made again where the
+    /// rule asks for it, each time all that are not older than `AHEAD`. Returns the last error of each
+    /// frame, the mean effort and the number of all frames that were made.
+    fn frames(mut rule: Rule, error: impl Fn(usize, f64) -> f64) -> (Vec<f64>, f64, usize) {
+        let mut kept: Vec<(Rule, f64, f64)> = Vec::new();
+        let mut made = 0;
+        while kept.len() < 200 {
+            made += 1;
+            assert!(made <= 20_000, "it goes on for ever");
+            let (frame, before) = (kept.len() + 1, rule);
+            let found = error(frame, rule.effort.amount);
+            if rule.goes_back(frame, found, AHEAD) {
+                let amount = rule.effort.amount;
+                let least = kept.len().saturating_sub(AHEAD);
+                let calm = rule.calm();
+                let new = kept[least..].iter().rposition(|(_, e, _)| *e <= calm);
+                kept.truncate(new.map_or(least, |last| least + last + 1));
+                let from = kept.last().map_or(begun(before.effort.amount), |k| k.0);
+                rule.begin_again(from, frame, amount, found);
+                continue;
+            }
+            let amount = rule.effort.amount;
+            rule.choose(frame, found);
+            kept.push((rule, found, amount));
+        }
+        let mean = kept.iter().map(|k| k.2).sum::<f64>() / 200.0;
+        (kept.into_iter().map(|k| k.1).collect(), mean, made)
+    }
+
+    #[test]
+    fn an_error_that_more_steps_lessen_is_kept_at_the_price_of_few_frames() {
+        let (errors, mean, made) = frames(begun(8.0), |_, amount| 40.0 / amount);
+        assert!(errors.iter().all(|e| *e <= 1.0));
+        assert!(mean <= 80.0 && made <= 300, "{mean} {made}");
+        // A start with far too many steps goes down.
+        let (_, mean, _) = frames(begun(600.0), |frame, amount| match frame {
+            1..=20 => 60.0 / amount,
+            _ => 4.0 / amount,
+        });
+        assert!(mean <= 120.0, "{mean}");
+    }
+
+    #[test]
+    fn a_sudden_motion_has_its_frames_made_again() {
+        let jerk = |frame: usize, amount: f64| match frame {
+            100..=110 => 90.0 / amount,
+            _ => 20.0 / amount,
+        };
+        let (errors, mean, made) = frames(begun(32.0), jerk);
+        assert!(errors.iter().all(|e| *e <= 1.0));
+        assert!(made > 200 && made <= 400, "{made}");
+        assert!(mean <= 90.0, "steps for the jerk alone: {mean}");
+    }
+
+    #[test]
+    fn what_more_steps_do_not_lessen_costs_little_and_is_not_within_the_target() {
+        let (errors, mean, made) = frames(begun(64.0), |_, _| 1.5);
+        assert!(errors.iter().all(|e| *e > 1.0));
+        assert!(made <= 500 && mean <= 300.0, "{made} {mean}");
+        // NaN is not within a target either, and does not hang.
+        let (errors, _, made) = frames(begun(64.0), |_, _| f64::NAN);
+        assert!(errors.iter().all(|e| e.is_nan()) && made <= 1000, "{made}");
+    }
+
+    #[test]
+    fn a_rule_survives_its_bytes() {
+        let mut rule = begun(64.0);
+        rule.choose(3, 0.9);
+        assert!(rule.goes_back(4, 1.2, AHEAD));
+        let mut to = Writer::default();
+        rule.save(&mut to);
+        let mut other = begun(20.0);
+        other
+            .restore(&mut Reader::new(&to.bytes))
+            .expect("its own bytes");
+        assert_eq!(other, rule);
+    }
+}

@@ -60,7 +60,7 @@ fn run_into(out: &Path, name: &str, overrides: &[&str], frames: usize) -> (Simul
         all.push(was(&simulation));
     }
     let finished = results
-        .finish(&simulation, &[], &Ended::Finished, None)
+        .finish(&simulation, &[], &Ended::Finished)
         .unwrap_or_else(|e| panic!("{e}"));
     let written = finished.output.write(&finished.folder);
     written.unwrap_or_else(|e| panic!("{e}"));

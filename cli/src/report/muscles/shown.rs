@@ -22,8 +22,13 @@ fn thin(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     points.chunks(each).filter_map(greatest).collect()
 }
 
-/// Plots over the frames.
-pub(super) fn plots(muscles: &[MuscleSummary], plan: &Plan, record: &Record) -> Vec<LinePlot> {
+/// Plots over the frames; `target` is that of a requested accuracy [m].
+pub(super) fn plots(
+    muscles: &[MuscleSummary],
+    plan: &Plan,
+    record: &Record,
+    target: Option<f64>,
+) -> Vec<LinePlot> {
     let many = muscles.len() > 1;
     let add = |mut plot: LinePlot, what: &str, value: &dyn Fn(&Measures) -> f64| {
         for m in muscles {
@@ -61,6 +66,10 @@ pub(super) fn plots(muscles: &[MuscleSummary], plan: &Plan, record: &Record) -> 
     let distance = add(frame("Distance from the start, rms [mm]"), "", &|m| {
         m.distance_from_start_rms_m * 1e3
     });
+    let error = target.map(|target| {
+        let plot = frame("Estimated error, rms [mm]");
+        add(plot, "", &|m| m.error_m * 1e3).with_limit("target", target * 1e3)
+    });
     let mut plots = Vec::new();
     if runs(plan, "volume") {
         plots.push(volume.with_limit("limit", pliant::simulation::VOLUME_HELD));
@@ -69,6 +78,7 @@ pub(super) fn plots(muscles: &[MuscleSummary], plan: &Plan, record: &Record) -> 
     if runs(plan, "contact") {
         plots.extend([depth, counts]);
     }
+    plots.extend(error);
     plots.extend([distance, times(record)]);
     plots
 }
@@ -105,7 +115,7 @@ fn times(record: &Record) -> LinePlot {
 type Shown = fn(&MuscleSummary) -> String;
 
 /// The rows of the table of muscles.
-const ROWS: [(&str, Shown); 22] = [
+const ROWS: [(&str, Shown); 23] = [
     ("vertices", |m| m.vertices.to_string()),
     ("triangles", |m| m.triangles.to_string()),
     ("vertices held by bones", |m| {
@@ -145,6 +155,9 @@ const ROWS: [(&str, Shown); 22] = [
     }),
     ("residual, greatest [mm]", |m| {
         format!("{:.4}", m.residual_max_m * 1e3)
+    }),
+    ("estimated error of the solver, worst frame [mm]", |m| {
+        number(m.error_estimate.solver_m * 1e3)
     }),
     ("frames not converged", |m| {
         m.frames_not_converged.to_string()
@@ -197,13 +210,16 @@ pub(super) fn text(muscles: &[MuscleSummary]) -> String {
     let mut text = String::from("\n");
     for m in muscles {
         text.push_str(&format!(
-            "  {}: {} vertices, {} held; edge stretch rms {:.2} % at worst (frame {}), {:.2} % at the end\n",
+            "  {}: {} vertices, {} held; edge stretch rms {:.2} % at worst (frame {}), {:.2} % at the end; \
+             estimated error {} mm (by {})\n",
             m.name,
             m.vertices,
             m.vertices_attached,
             m.edge_stretch_rms_worst * 100.0,
             m.worst_frame,
-            m.edge_stretch_rms_end * 100.0
+            m.edge_stretch_rms_end * 100.0,
+            number(m.error_estimate.solver_m * 1e3),
+            m.error_estimate.method
         ));
     }
     text
