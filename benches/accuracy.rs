@@ -29,7 +29,7 @@ const CASES: [Case; 3] = [
 const STEPS: [u32; 13] = [4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256];
 
 /// Number of alternating repeats.
-const REPEATS: usize = 3;
+const REPEATS: usize = 2;
 
 struct Run {
     frames: Vec<Vec<Point3<f64>>>,

@@ -5,6 +5,10 @@ use super::keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
 use super::schema::Schema;
 use crate::constraints::SweepOrder;
 
+/// Usual number of steps where a scene names none, as in most scenes of muscles, and the least one.
+const UNNAMED: u32 = 64;
+const FEWEST_USUAL: u32 = 16;
+
 /// How the motion is computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solver {
@@ -413,6 +417,23 @@ impl Solver {
     /// True if the stiffness of a material belongs to a step, whatever its length.
     pub(crate) fn has_classic_stiffness(&self) -> bool {
         matches!(self, Self::Pbd(_))
+    }
+
+    /// The solver whose steps can change from frame to frame, for the same motion; otherwise the same one.
+    pub(crate) fn of_any_steps(self) -> Self {
+        match self {
+            Self::ImplicitEuler(_) => Self::default(),
+            Self::Xpbd(s) => Self::Xpbd(Xpbd { iterations: 1, ..s }),
+            other => other,
+        }
+    }
+
+    /// The number of steps of a frame that is enough for most frames; `is_unnamed` if the scene names none.
+    pub(crate) fn usual_steps(&self, is_unnamed: bool) -> u32 {
+        match self {
+            Self::Xpbd(s) if !is_unnamed => s.substeps.max(FEWEST_USUAL),
+            _ => UNNAMED,
+        }
     }
 
     /// The solver's own factor on velocities in each frame; `None` for a solver without one.

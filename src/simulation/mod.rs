@@ -43,7 +43,7 @@ pub use contact_comparison::compare_contact;
 pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};
-pub use refinement::{Attained, RefinedRun};
+pub use refinement::Attained;
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
 pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 
@@ -130,8 +130,13 @@ impl Simulation {
         let Some(accuracy) = scene.accuracy else {
             return Self::alone(scene, assets, plan);
         };
-        let usual = refinement::usual_steps(&scene);
-        let scene = refinement::scene_of_runs(&scene);
+        let usual = scene.solver.usual_steps(scene.adapts_steps);
+        let scene = Scene {
+            accuracy: None,
+            adapts_steps: false,
+            solver: scene.solver.of_any_steps(),
+            ..scene
+        };
         let run = || Self::alone(scene.clone(), assets.clone(), plan.clone());
         let mut front = run()?;
         let lengths = front.bodies.iter().map(|body| body.length);

@@ -14,22 +14,17 @@ mod rule;
 use std::collections::VecDeque;
 use std::time::Instant;
 
-use rule::{Effort, LOOSER, Rule};
+use rule::{Effort, Rule};
 
 use super::frame::Stop;
 use super::{Body, Simulation};
 use crate::mesh::measures::max_or_nan;
-use crate::scene::{Scene, Solver};
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Number of frames that are computed before the first of them is shown, at this rate [Hz].
 const AHEAD: f64 = 24.0;
 const USUAL_RATE: f64 = 60.0;
 const MOST_AHEAD: f64 = 96.0;
-
-/// Usual number of steps where a scene names none, as in most scenes of muscles, and the least one.
-const UNNAMED: u32 = 64;
-const FEWEST_USUAL: u32 = 16;
 
 /// What an accuracy cost, and whether it was kept.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,25 +37,18 @@ pub struct Attained {
     pub frame: usize,
     /// Estimated RMS error of each muscle in its worst frame so far [m].
     pub muscles_m: Vec<f64>,
-    /// The run with longer steps, and the one that is shown.
-    pub runs: [RefinedRun; 2],
+    /// Number of steps of all frames in the run with longer steps, and in the one that is shown.
+    pub steps: [u64; 2],
+    /// Time of all frames of both [s].
+    pub times_s: [f64; 2],
+    /// Greatest tolerance of an equilibrium in any frame of the second one; 0 for solvers with steps.
+    pub tolerance: f64,
     /// Greatest distance of both, RMS over the vertices of a frame [m].
     pub difference_m: f64,
     /// Number of frames that were made again with more steps, and the time that they took [s].
     pub repeated: u64,
     /// That time [s].
     pub repeated_s: f64,
-}
-
-/// One of the runs of an accuracy.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct RefinedRun {
-    /// Number of steps of all frames.
-    pub steps: u64,
-    /// Greatest tolerance of an equilibrium in any frame; 0 for solvers with steps.
-    pub tolerance: f64,
-    /// Time of all frames [s].
-    pub time_s: f64,
 }
 
 impl Attained {
@@ -103,42 +91,8 @@ struct Ahead {
     errors: Vec<f64>,
     error: f64,
     effort: Effort,
-    runs: [RefinedRun; 2],
-}
-
-impl RefinedRun {
-    fn add(&mut self, frame: &Self) {
-        self.steps += frame.steps;
-        self.time_s += frame.time_s;
-        if frame.tolerance > self.tolerance {
-            self.tolerance = frame.tolerance;
-        }
-    }
-}
-
-/// Number of steps of a frame that a scene usually has: the one that it names.
-pub(super) fn usual_steps(scene: &Scene) -> u32 {
-    match scene.solver {
-        Solver::Xpbd(xpbd) if !scene.adapts_steps => xpbd.substeps.max(FEWEST_USUAL),
-        _ => UNNAMED,
-    }
-}
-
-/// The scene of the two runs: their steps are not those of `scene`.
-pub(super) fn scene_of_runs(scene: &Scene) -> Scene {
-    let mut scene = Scene {
-        accuracy: None,
-        adapts_steps: false,
-        ..scene.clone()
-    };
-    if scene.solver.minimisation().is_some() && scene.solver.has_inertia() {
-        // Sweeps solve the same motion, and their steps can change.
-        scene.solver = Solver::default();
-    }
-    if let Solver::Xpbd(xpbd) = &mut scene.solver {
-        xpbd.iterations = 1;
-    }
-    scene
+    steps: [u64; 2],
+    times_s: [f64; 2],
 }
 
 impl Refinement {
@@ -164,13 +118,16 @@ impl Refinement {
                 error_m: 0.0,
                 frame: 0,
                 muscles_m: vec![0.0; count],
-                runs: Default::default(),
+                steps: [0; 2],
+                times_s: [0.0; 2],
+                tolerance: 0.0,
                 difference_m: 0.0,
                 repeated: 0,
                 repeated_s: 0.0,
             },
             errors: vec![0.0; count],
         };
+        new.rule.effort.set(&mut new.fine, &mut new.coarse);
         new.shown = new.both();
         new
     }
@@ -239,17 +196,15 @@ impl Refinement {
             return false;
         }
         let effort = self.rule.effort;
-        let runs = [
-            effort.spent(&self.coarse, LOOSER, coarse.1),
-            effort.spent(&self.fine, 1.0, fine.1),
-        ];
+        let steps = [&self.coarse, &self.fine].map(|run| u64::from(run.control.taken()));
+        let times_s = [coarse.1, fine.1];
         let pairs = self.fine.bodies.iter().zip(&self.coarse.bodies);
         let apart: Vec<f64> = pairs.map(|(a, b)| a.squared_distance(b)).collect();
         let (distance, of) = (rms(&apart, self.vertices()), effort.of_distance());
         let error = of * distance;
         let (frame, share) = (self.fine.frame(), error / self.attained.target_m);
         if self.rule.goes_back(frame, share, self.frames_ahead) {
-            self.go_back(error, runs);
+            self.go_back(error, times_s);
             return true;
         }
         self.rule.choose(frame, share);
@@ -262,14 +217,15 @@ impl Refinement {
             errors,
             error,
             effort,
-            runs,
+            steps,
+            times_s,
         });
         true
     }
 
     /// Goes back to the last calm frame that is not shown yet, or to the one that is, with more steps from
     /// there up to the present frame.
-    fn go_back(&mut self, error: f64, runs: [RefinedRun; 2]) {
+    fn go_back(&mut self, error: f64, times_s: [f64; 2]) {
         let (frame, target) = (self.fine.frame(), self.attained.target_m);
         let calm = self.rule.calm();
         let is_calm = |ahead: &Ahead| ahead.error <= calm * target;
@@ -287,8 +243,8 @@ impl Refinement {
         let amount = sum / (lost.len() + 1) as f64;
         self.rule
             .begin_again(at.rule, frame, amount, error / target);
-        let lost = lost.iter().flat_map(|frame| frame.runs).chain(runs);
-        self.attained.repeated_s += lost.map(|run| run.time_s).sum::<f64>();
+        let lost_s = lost.iter().flat_map(|frame| frame.times_s);
+        self.attained.repeated_s += lost_s.chain(times_s).sum::<f64>();
         self.attained.repeated += (frame - self.fine.frame()) as u64;
     }
 
@@ -298,8 +254,9 @@ impl Refinement {
             apart,
             errors,
             error,
-            effort: _,
-            runs,
+            effort,
+            steps,
+            times_s,
         } = frame;
         let shown = front.restore_shown(&mut Reader::new(&both.fine));
         debug_assert!(shown.is_ok());
@@ -313,11 +270,15 @@ impl Refinement {
             *most = max_or_nan([*most, *now]);
         }
         attained.difference_m = max_or_nan([attained.difference_m, difference]);
-        if !(error <= attained.error_m) {
+        // A NaN stays.
+        if !attained.error_m.is_nan() && !(error <= attained.error_m) {
             (attained.error_m, attained.frame) = (error, front.frame());
         }
-        let all = attained.runs.iter_mut().zip(&runs);
-        all.for_each(|(sum, frame)| sum.add(frame));
+        for k in 0..2 {
+            attained.steps[k] += steps[k];
+            attained.times_s[k] += times_s[k];
+        }
+        attained.tolerance = max_or_nan([attained.tolerance, effort.tolerance()]);
         self.shown = both;
     }
 
@@ -369,7 +330,9 @@ impl Refinement {
             error_m,
             frame,
             muscles_m,
-            runs,
+            steps,
+            times_s: _,
+            tolerance,
             difference_m,
             repeated,
             repeated_s: _,
@@ -379,15 +342,8 @@ impl Refinement {
         to.put(repeated);
         to.list(muscles_m);
         to.list(errors);
-        for RefinedRun {
-            steps,
-            tolerance,
-            time_s: _,
-        } in runs
-        {
-            to.put(steps);
-            to.put(tolerance);
-        }
+        to.put(steps);
+        to.put(tolerance);
     }
 
     /// Restores both runs, and what `front` shows of them.
@@ -407,15 +363,15 @@ impl Refinement {
             "another number of muscles",
         )?;
         self.errors = errors;
-        for run in &mut self.attained.runs {
-            (run.steps, run.tolerance) = (from.take()?, from.take()?);
-        }
+        let (steps, tolerance) = (from.take()?, from.take()?);
         self.attained = Attained {
             error_m,
             difference_m,
             frame,
             repeated,
             muscles_m,
+            steps,
+            tolerance,
             ..self.attained.clone()
         };
         self.shown = Both {

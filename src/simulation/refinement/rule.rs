@@ -1,7 +1,6 @@
 //! How many steps the frames of an accuracy take.
 
 use super::super::Simulation;
-use super::RefinedRun;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Ratio of the lengths of steps of the two runs.
@@ -19,7 +18,7 @@ const COARSE_MOST: u32 = 4;
 
 /// Ratio of the tolerances of two equilibria, and their error relative to their distance: a descent ends
 /// anywhere below its tolerance.
-pub(super) const LOOSER: f64 = 16.0;
+const LOOSER: f64 = 16.0;
 const OF_LOOSER: f64 = 0.5;
 
 /// The steps aim at this share of the target.
@@ -121,7 +120,7 @@ impl Effort {
     /// Sets both runs for the next frame.
     pub fn set(self, fine: &mut Simulation, coarse: &mut Simulation) {
         if self.usual.is_none() {
-            let tolerance = FIRST_TOLERANCE / self.amount;
+            let tolerance = self.tolerance();
             fine.set_tolerance(tolerance);
             coarse.set_tolerance(LOOSER * tolerance);
         } else {
@@ -132,15 +131,11 @@ impl Effort {
         }
     }
 
-    /// The cost of the last frame of a run.
-    pub fn spent(self, run: &Simulation, looser: f64, time_s: f64) -> RefinedRun {
-        RefinedRun {
-            steps: u64::from(run.control.taken()),
-            tolerance: match self.usual {
-                None => looser * FIRST_TOLERANCE / self.amount,
-                Some(_) => 0.0,
-            },
-            time_s,
+    /// The tolerance of the run that is shown; 0 for solvers with steps.
+    pub fn tolerance(self) -> f64 {
+        match self.usual {
+            None => FIRST_TOLERANCE / self.amount,
+            Some(_) => 0.0,
         }
     }
 }
@@ -213,11 +208,14 @@ impl Rule {
         if !is_near {
             (self.again, self.accepted) = ((frame, 0, self.effort.amount), 0.0);
         }
-        if error <= 1.0 || error <= self.accepted {
+        if error <= 1.0 {
             return false;
         }
         let (last, times, amount) = self.again;
         self.again.0 = last.max(frame);
+        if error <= self.accepted {
+            return false;
+        }
         if times as usize > FROM.len() || self.effort.is_greatest() {
             self.accepted = ACCEPTED * error;
             (self.effort.amount, self.floor, self.is_vain) = (amount, (0, 0.0), true);
@@ -341,7 +339,7 @@ mod tests {
         assert!(errors.iter().all(|e| *e <= 1.0));
         assert!(mean <= 80.0 && made <= 300, "{mean} {made}");
         // A start with far too many steps goes down.
-        let (_, mean, _) = frames(begun(600.0), |frame, amount| match frame {
+        let (_, mean, _) = frames(begun(200.0), |frame, amount| match frame {
             1..=20 => 60.0 / amount,
             _ => 4.0 / amount,
         });
