@@ -172,7 +172,7 @@ impl Record {
 }
 
 /// Columns of `measures.csv`: the fields of [`Measures`]; a test checks this.
-const COLUMNS: [&str; 16] = [
+const COLUMNS: [&str; 17] = [
     "frame",
     "time_s",
     "muscle",
@@ -188,10 +188,11 @@ const COLUMNS: [&str; 16] = [
     "residual_m",
     "kinetic_energy_j",
     "distance_from_start_rms_m",
+    "error_m",
     "converged",
 ];
 
-fn row(m: &Measures) -> [String; 16] {
+fn row(m: &Measures) -> [String; 17] {
     // `{:?}` is the shortest text that reads back to the same bits.
     let number = |x: f64| format!("{x:?}");
     [
@@ -210,6 +211,7 @@ fn row(m: &Measures) -> [String; 16] {
         number(m.residual_m),
         number(m.kinetic_energy_j),
         number(m.distance_from_start_rms_m),
+        number(m.error_m),
         m.converged.to_string(),
     ]
 }
@@ -220,7 +222,11 @@ mod tests {
 
     #[test]
     fn the_columns_are_the_fields_of_measures() {
-        let scene = pliant::scene::builtin::load("distance", &[]).unwrap();
+        let scene = {
+            // With an accuracy each value is a number.
+            let changes = ["solver=xpbd", "accuracy=1 %"].map(str::to_owned);
+            pliant::scene::builtin::load("distance", &changes).unwrap()
+        };
         let mut simulation = Simulation::new(scene).unwrap();
         // The start has no residual, and JSON has no NaN.
         simulation.step_frame();

@@ -88,9 +88,10 @@ fn check(root: &Value, schema: &Value, value: &Value, at: &str, all: &mut Vec<St
             },
             "const" => value != rule,
             "enum" => !list().any(|known| known == value),
+            // What is no object, as a null, has no keys.
             "required" => {
-                let missing =
-                    list().filter(|key| value.get(key.as_str().unwrap_or_default()).is_none());
+                let absent = |key: &str| value.is_object() && value.get(key).is_none();
+                let missing = list().filter(|key| absent(key.as_str().unwrap_or_default()));
                 all.extend(missing.map(|key| format!("{at}: {key} is missing")));
                 false
             }

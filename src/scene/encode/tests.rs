@@ -77,6 +77,9 @@ fn scenes() -> Vec<(&'static str, Vec<String>)> {
             };
             changes.push(format!("solver.{}.{}={value}", solver.key, key.key));
         }
+        if solver.question.is_none() {
+            changes.push(change("accuracy=off"));
+        }
         scenes.push((muscles, changes));
     }
     scenes.push((

@@ -178,7 +178,7 @@ fn what_is_wrong_is_told_at_its_place() {
             "not empty",
         ),
         (
-            with("[set]\naccuracy = \"1 mm\""),
+            with("[set]\nsolver = \"xpbd\"\naccuracy = \"1 mm\""),
             "s.toml:1:9: error[E068]",
             "asks for an accuracy",
         ),
