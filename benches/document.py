@@ -278,6 +278,7 @@ def measure(name):
 
 
 HEADS = {
+    "accuracy": "| scene | target | real error | stated error | time [s] | cheapest fixed steps: time [s] | ratio |",
     "morphing.found": "| command | vertices | in common | flipped | ends missed by | volume halfway | maps [s] | alignment [s] | merge [s] "
     "| 25 shapes [s] |",
     "morphing.registered": "| command | vertices on B | rms over the size | start [s] | closest points [s] | bending [s] |",

@@ -31,7 +31,7 @@ const MOST_AHEAD: f64 = 96.0;
 pub struct Attained {
     /// Requested RMS error [m].
     pub target_m: f64,
-    /// Estimated RMS error of all vertices in the worst frame so far [m], and that frame.
+    /// Estimated RMS error of all vertices in the worst frame so far [m].
     pub error_m: f64,
     /// The frame with it.
     pub frame: usize,
@@ -45,9 +45,9 @@ pub struct Attained {
     pub tolerance: f64,
     /// Greatest distance of both, RMS over the vertices of a frame [m].
     pub difference_m: f64,
-    /// Number of frames that were made again with more steps, and the time that they took [s].
+    /// Number of frames that were made again with more steps.
     pub repeated: u64,
-    /// That time [s].
+    /// The time that they took [s].
     pub repeated_s: f64,
 }
 
