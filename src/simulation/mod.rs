@@ -313,12 +313,13 @@ impl State for Simulation {
             pool: _,
             freed: _,
         } = self;
+        // A checkpoint begins with its frame.
+        to.put(frame);
         if let Some(refinement) = refinement {
             // What it shows is a frame of another run.
             refinement.save(to);
             return;
         }
-        to.put(frame);
         to.list(notes);
         certificate.save(to);
         control.save(to);
@@ -328,6 +329,7 @@ impl State for Simulation {
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         if let Some(mut refinement) = self.refinement.take() {
+            let _: usize = from.take()?;
             let restored = refinement.restore(self, from);
             self.refinement = Some(refinement);
             return restored;

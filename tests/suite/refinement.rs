@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 use pliant::accuracy::FrameDistance;
 use pliant::scene::{Accuracy, Scene, Solver, builtin};
+use pliant::simulation::checkpoint::{Checkpoint, Fingerprint, save};
 use pliant::simulation::{Attained, Scenario, Simulation};
 
 type Frames = Vec<Vec<Point3<f64>>>;
@@ -147,6 +148,9 @@ fn threads_and_an_interruption_change_no_bit() {
     let state = first.save_state().expect("a state");
     second.restore_state(&state).expect("its own state");
     assert_eq!(second.frame(), 15);
+    let bytes = save(&first, &Fingerprint::of(&first), &[]);
+    let read = Checkpoint::open(&bytes).expect("a checkpoint");
+    assert_eq!(read.frame(), Ok(15));
     (15..scene.frames).for_each(|_| second.step_frame());
     assert_eq!(
         Some(&second.bodies[0].system.particles.position),
