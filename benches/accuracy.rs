@@ -108,7 +108,8 @@ fn compare((name, changes, shares, reference): Case, repeats: usize) {
         }
         let [own_s, fixed_s] = least;
         println!(
-            "ROW accuracy | {name} | {} %: {:.2} mm | {:.2} mm | {:.2} mm | {own_s:.1} | {steps}: {fixed_s:.1} | {:.2} |",
+            "ROW accuracy | {name} | {} %: {:.2} mm | {:.2} mm | {:.2} mm | {own_s:.1} | \
+             {steps}: {fixed_s:.1} | {:.2} |",
             share * 100.0,
             target * 1e3,
             error * 1e3,

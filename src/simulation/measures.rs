@@ -49,7 +49,8 @@ pub struct Measures {
     pub distance_from_start_rms_m: f64,
     /// Estimated root mean square error [m], of a run with a requested accuracy; otherwise NaN.
     pub error_m: f64,
-    /// True if residual, volume and depth are within their tolerances, or with a requested accuracy the error.
+    /// True if residual, volume and depth are within their tolerances. With a requested accuracy: if the
+    /// error is within it.
     pub converged: bool,
 }
 

@@ -72,7 +72,7 @@ pub(super) struct StepControl {
     /// Whether it follows the residual, the number up to which shorter steps are known to help, and
     /// whether the present frame proves it for a greater one.
     follows: bool,
-    /// Whether somebody else chooses the first one for each frame.
+    /// Whether a requested accuracy chooses the first one for each frame.
     is_told: bool,
     proved: u32,
     proof: Proof,

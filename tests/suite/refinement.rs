@@ -1,4 +1,4 @@
-//! Runs to a requested accuracy: the error is kept, is told honestly, and costs what it must.
+//! Runs to a requested accuracy: the error is within it, and the stated error is near the real one.
 
 use nalgebra::Point3;
 use pliant::accuracy::FrameDistance;
@@ -62,7 +62,7 @@ fn to(scene: &Scene, share: f64) -> Scene {
 }
 
 #[test]
-fn an_accuracy_is_kept_and_its_error_is_honest() {
+fn an_accuracy_is_kept_and_the_stated_error_is_near_the_real_one() {
     for Case { scene, reference } in cases() {
         let name = &scene.name;
         let (exact, _) = run(&with_steps(&scene, reference));

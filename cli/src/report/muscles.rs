@@ -1,9 +1,12 @@
 //! The result of a run of muscles: measures and checks of each muscle.
 
+mod error;
 mod shown;
 
 use serde::Serialize;
 use serde_json::{Value, json};
+
+pub(super) use error::ErrorEstimate;
 
 use super::audit::{self, RunAudit};
 use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
@@ -11,10 +14,9 @@ use super::plan::Prepared;
 use super::quality::{self, Quality, RunQuality};
 use super::record::{Record, effect_name};
 use pliant::contact::{Certificate, PartedPair};
-use pliant::format::number;
 use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::{Solver, Source, likely_units};
-use pliant::simulation::{Attained, Body, Measures, Simulation, VOLUME_HELD};
+use pliant::simulation::{Body, Measures, Simulation, VOLUME_HELD};
 
 /// Greatest distance of a muscle from its start at the end of a motion that returns, relative to
 /// its length.
@@ -83,59 +85,6 @@ pub struct MuscleSummary {
     pub stopped: Option<Stopped>,
 }
 
-/// An estimated error by its parts.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ErrorEstimate {
-    /// Distance from the converged solution of the same model [m].
-    pub solver_m: f64,
-    /// Distance of that solution from one on a refined mesh [m].
-    pub mesh_m: Option<f64>,
-    /// Half of the interval that the parameters' intervals leave [m].
-    pub parameters_m: Option<f64>,
-    /// How the error of the solver was found.
-    pub method: &'static str,
-}
-
-impl ErrorEstimate {
-    /// That of a muscle with this greatest residual [m].
-    fn of(simulation: &Simulation, m: usize, residual_m: f64) -> Self {
-        let body = &simulation.bodies[m];
-        match simulation.attained() {
-            Some(attained) => Self::by(attained.muscles_m[m], way(attained)),
-            None => Self::by(body.error_estimate(residual_m), "the residual"),
-        }
-    }
-
-    /// That of all muscles together: of all vertices, or of the worst muscle.
-    fn of_all(simulation: &Simulation, muscles: &[MuscleSummary]) -> Self {
-        match simulation.attained() {
-            Some(attained) => Self::by(attained.error_m, way(attained)),
-            None => {
-                let each = muscles.iter().map(|m| m.error_estimate.solver_m);
-                Self::by(max_or_nan(each), "the residual")
-            }
-        }
-    }
-
-    /// The estimate of a solver's error [m], and how it was found.
-    pub(super) fn by(solver_m: f64, method: &'static str) -> Self {
-        Self {
-            solver_m,
-            mesh_m: None,
-            parameters_m: None,
-            method,
-        }
-    }
-}
-
-/// How the error of an accuracy is found.
-fn way(attained: &Attained) -> &'static str {
-    match attained.tolerance > 0.0 {
-        true => "a run with sixteen times the tolerance",
-        false => "a run with half as many steps",
-    }
-}
-
 /// Place of a stop.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Stopped {
@@ -158,7 +107,7 @@ pub(super) fn output(
         muscle.quality = quality;
     }
     let attained = simulation.attained();
-    let mut verdicts: Vec<Verdict> = attained.map(verdict_of).into_iter().collect();
+    let mut verdicts: Vec<Verdict> = attained.map(error::verdict_of).into_iter().collect();
     for (m, summary) in muscles.iter().enumerate() {
         verdicts.extend(verdicts_of(simulation, m, summary));
     }
@@ -181,7 +130,7 @@ pub(super) fn output(
     let plot = |plot| Plot { file: None, plot };
     let mut how = solver(&simulation.scene.solver);
     if let Some(attained) = attained {
-        how = steps(simulation, attained);
+        how = error::steps(simulation, attained);
     }
     let mut tables = shown::tables(&muscles, &record, &how);
     tables.push(audit::table(&audit.summary));
@@ -198,7 +147,7 @@ pub(super) fn output(
         measures: json!({
             "solver": how,
             "error_estimate": ErrorEstimate::of_all(simulation, &muscles),
-            "accuracy": attained.map(accuracy),
+            "accuracy": attained.map(error::accuracy),
             "muscles": muscles,
         }),
         scene: Some(SceneRun {
@@ -306,27 +255,6 @@ impl MuscleSummary {
     }
 }
 
-/// What a requested accuracy cost.
-fn accuracy(attained: &Attained) -> Value {
-    let frames = |run: usize| match attained.tolerance > 0.0 {
-        true => json!({ "tolerance": attained.tolerance, "time_s": attained.times_s[run] }),
-        false => json!({ "substeps": attained.steps[run], "time_s": attained.times_s[run] }),
-    };
-    let mut passes = [frames(0), frames(1)];
-    passes[0]["difference_m"] = Value::Null;
-    passes[1]["difference_m"] = json!(attained.difference_m);
-    json!({
-        "target_m": attained.target_m,
-        "error_m": attained.error_m,
-        "frame": attained.frame,
-        "reached": attained.is_reached(),
-        "choosing_s": attained.times_s[0] + attained.repeated_s,
-        "run_s": attained.times_s[1],
-        "frames_repeated": attained.repeated,
-        "passes": passes,
-    })
-}
-
 /// The check that no velocity was limited: numbers stay finite, but the motion is not that of the scene.
 fn cut(body: &Body) -> Option<Verdict> {
     let (cuts, limit) = (body.system.speed_cuts, body.system.settings.speed_limit);
@@ -343,31 +271,6 @@ fn solver(solver: &Solver) -> String {
         settings.push(format!("{} {value}", key.key.replace('_', " ")));
     }
     format!("{}: {}", solver.spec().name, settings.join(", "))
-}
-
-/// What the frames of an accuracy took, in one line.
-fn steps(simulation: &Simulation, attained: &Attained) -> String {
-    let (name, tolerance) = (simulation.scene.solver.spec().name, attained.tolerance);
-    match tolerance > 0.0 {
-        true => format!(
-            "{name}: tolerance at most {}, by the error",
-            number(tolerance)
-        ),
-        false => {
-            let mean = attained.steps[1] as f64 / simulation.frame().max(1) as f64;
-            format!("{name}: substeps {mean:.1} in the mean, by the error of each frame")
-        }
-    }
-}
-
-/// The check of the requested accuracy, by the estimate.
-fn verdict_of(attained: &Attained) -> Verdict {
-    let name = "estimated error, RMS over the vertices of a frame";
-    let verdict = Verdict::at_most(name, attained.error_m, attained.target_m).in_unit("m");
-    let at = format!("all muscles, worst in frame {}", attained.frame);
-    verdict
-        .at(at)
-        .else_do("ask for less accuracy, or make the motion slower or the material softer")
 }
 
 fn muscle(simulation: &Simulation, m: usize, record: &Record) -> MuscleSummary {

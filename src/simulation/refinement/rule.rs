@@ -28,8 +28,8 @@ const AIM: f64 = 0.7;
 /// time, and the second. After that, all are that are not shown.
 const FROM: [f64; 2] = [0.5, 0.25];
 
-/// Least and greatest factor by which the number of steps changes from frame to frame, and when frames are
-/// made again.
+/// By how much the number of steps changes from frame to frame: a power of the error over what it aims at,
+/// and the greatest change. Least and greatest factor where frames are made again.
 const FALL: (f64, f64) = (0.1, 0.96);
 const RISE: (f64, f64) = (0.3, 1.05);
 const AGAIN: (f64, f64) = (1.3, 4.0);
@@ -45,8 +45,9 @@ const LESS: f64 = 0.8;
 /// What more steps do not lessen is accepted up to this multiple of it.
 const ACCEPTED: f64 = 1.25;
 
-/// Error that the usual steps of a scene make, relative to the length of a muscle, in the mean of many
-/// scenes, and how far a guess by it goes.
+/// For this error, relative to the length of the shortest muscle, a run begins with the usual steps; for
+/// another one in proportion, within these factors. That is more than most motions need: where errors add
+/// up, steps that are few at first are never made good.
 const USUAL_ERROR: f64 = 1e-2;
 const GUESSES: (f64, f64) = (0.25, 4.0);
 
