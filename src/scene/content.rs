@@ -11,7 +11,9 @@ use super::limits::LIMITS;
 use super::reader::Section;
 use super::schema::Kind::{self, List, Plain, Table, Text};
 use super::schema::{self, Schema};
-use super::{Accuracy, Scene, SceneOrigin, Source, parse, parse_lattice, parse_skin};
+use super::{
+    Accuracy, Scene, SceneOrigin, Source, Uncertain, Variables, parse, parse_lattice, parse_skin,
+};
 use crate::encode::{Encode, Encoder};
 use crate::mesh::repair;
 use crate::skin::ImplantSpec;
@@ -197,6 +199,25 @@ impl Content {
     /// Origin of the scene's text.
     pub fn origin(&self) -> &SceneOrigin {
         self.scene().1.origin()
+    }
+
+    /// The values with an interval.
+    pub fn uncertain(&self) -> &[Uncertain] {
+        self.origin().uncertain()
+    }
+
+    /// The same scene with values in place of some with an interval, by their keys and in SI units. A
+    /// scene from code has no keys, and stays as it is.
+    ///
+    /// # Errors
+    /// A value outside its limits, or a file that is no longer there.
+    pub fn with_values(
+        &self,
+        values: &[(&str, f64)],
+        variables: Variables,
+    ) -> Result<Self, SceneError> {
+        let read = self.origin().with_values(values, variables);
+        read.unwrap_or_else(|| Ok(self.clone()))
     }
 
     /// The same scene with another origin.

@@ -211,7 +211,11 @@ impl SceneProblem {
             Self::Conflict { .. } => "E056",
             Self::Syntax { .. } => "E057",
             Self::Quantity(UnitError::Bare { .. }) => "E050",
-            Self::Quantity(UnitError::NotFinite { .. } | UnitError::Overflow { .. }) => "E051",
+            Self::Quantity(
+                UnitError::NotFinite { .. }
+                | UnitError::Overflow { .. }
+                | UnitError::NoInterval { .. },
+            ) => "E051",
             Self::Quantity(_) => "E058",
             Self::KeysOutOfOrder { .. } => "E059",
             Self::MissingFile { .. } => "E060",

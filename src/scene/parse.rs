@@ -24,10 +24,11 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::content::{KINDS, KindSpec};
 use super::error::{Gathered, SceneError, SceneProblem};
+use super::interval::Intervals;
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
 use super::spelling::{listed, nearest, shown};
-use super::tree::{self, Sources};
+use super::tree::{self, Node, Sources};
 use super::units::{self, Dimension};
 use super::{
     BoneSpec, Capsule, Content, Scene, SceneOrigin, Source, interface, limits, motion, overrides,
@@ -122,9 +123,25 @@ pub fn parse_content(
     for text in surroundings.overrides {
         overrides::apply(text, &mut document, &mut sources)?;
     }
+    read(document, sources, name, surroundings, &[])
+}
+
+/// Reads a document with values in place of some with an interval, by their keys and in SI units.
+pub(super) fn read(
+    document: Node,
+    sources: Sources,
+    name: &str,
+    surroundings: &Surroundings<'_>,
+    instead: &[(&str, f64)],
+) -> Result<Content, SceneError> {
+    let intervals = Intervals {
+        instead,
+        ..Intervals::default()
+    };
     let context = Context {
         sources: &sources,
         surroundings,
+        intervals: &intervals,
     };
     let root = Item {
         context,
@@ -136,9 +153,11 @@ pub fn parse_content(
         .and_then(|s| s.to_str())
         .unwrap_or_default();
     let root = root.section(&ROOT)?;
-    let name = scene_name(&root, file_stem)?;
-    let content = (kind(&root)?.read)(&root, name)?;
-    Ok(content.with_origin(SceneOrigin::new(document, sources)))
+    let scene = scene_name(&root, file_stem)?;
+    let content = (kind(&root)?.read)(&root, scene)?;
+    let uncertain = intervals.found.into_inner();
+    let origin = SceneOrigin::new(document, sources, name, surroundings, uncertain);
+    Ok(content.with_origin(origin))
 }
 
 fn scene_name(root: &Section<'_>, file_stem: &str) -> Result<String, SceneError> {

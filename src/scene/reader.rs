@@ -3,6 +3,7 @@
 use nalgebra::{Unit, Vector3};
 
 use super::error::{Gathered, SceneError, SceneProblem};
+use super::interval::{Intervals, has_interval};
 pub(super) use super::keys::Limit;
 use super::parse::Surroundings;
 use super::schema::{Kind, Schema};
@@ -15,6 +16,7 @@ use super::units::{self, Dimension};
 pub(super) struct Context<'a> {
     pub(super) sources: &'a Sources,
     pub(super) surroundings: &'a Surroundings<'a>,
+    pub(super) intervals: &'a Intervals<'a>,
 }
 
 /// A value with its key and context.
@@ -101,6 +103,9 @@ impl<'a> Item<'a> {
             // Beyond 2^53 the nearest number is sufficient.
             Value::Integer(number) => *number as f64,
             Value::Float(number) => *number,
+            Value::Text(text) if has_interval(text) => {
+                return self.quantity(Dimension::Ratio, limit);
+            }
             _ => return self.wrong_type(limit.describe("number")),
         };
         self.limited(value, limit, "number")
@@ -146,7 +151,9 @@ impl<'a> Item<'a> {
     pub(super) fn quantity(&self, dimension: Dimension, limit: Limit) -> Read<f64> {
         let number = match &self.node.value {
             Value::Text(text) => {
-                let value = units::parse(text, dimension).map_err(|e| self.error(e.into()))?;
+                let intervals = self.context.intervals;
+                let value = intervals.read(&self.key, text, dimension);
+                let value = value.map_err(|e| self.error(e.into()))?;
                 return self.limited(value, limit, &dimension.to_string());
             }
             Value::Integer(number) => number.to_string(),

@@ -11,6 +11,7 @@ use std::path::Path;
 use super::Content;
 use super::builtin::{self, Written};
 use super::error::{SceneError, SceneProblem};
+use super::interval::Intervals;
 use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknown_name};
 use super::paths::Variables;
 use super::reader::{Context, Item, Section};
@@ -151,6 +152,7 @@ impl StudyFile {
         let context = Context {
             sources: &sources,
             surroundings: &Surroundings::of(folder),
+            intervals: &Intervals::default(),
         };
         let root = Item {
             context,

@@ -311,6 +311,14 @@ pub enum UnitError {
         /// The text as written, shortened.
         text: String,
     },
+    /// No half of an interval after `+-`, or one that is not positive.
+    #[error("`{text}` has no interval that is greater than zero")]
+    NoInterval {
+        /// The text as written, shortened.
+        text: String,
+        /// The required dimension.
+        dimension: Dimension,
+    },
 }
 
 impl UnitError {
@@ -339,6 +347,12 @@ impl UnitError {
                 format!("write {a} {dimension} as in \"{}\"", dimension.example())
             }
             Self::NotFinite { .. } | Self::Overflow { .. } => "write a finite number".to_owned(),
+            Self::NoInterval { dimension, .. } => {
+                let example = dimension.example();
+                format!(
+                    "write the value, then `+-` and half of its interval: \"{example} +- 10 %\""
+                )
+            }
         }
     }
 }
@@ -440,7 +454,7 @@ fn normalised(name: &str) -> String {
 }
 
 /// Splits a text after its leading decimal number; `None` without one.
-fn split_number(text: &str) -> Option<(&str, &str)> {
+pub(super) fn split_number(text: &str) -> Option<(&str, &str)> {
     let bytes = text.as_bytes();
     let digits = |mut at: usize| {
         while bytes.get(at).is_some_and(u8::is_ascii_digit) {

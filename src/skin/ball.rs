@@ -6,7 +6,7 @@ use super::SkinError;
 use super::areas::Areas;
 use super::plan::{Inserted, PreparedPatch, over_ball};
 use super::region::REACH;
-use super::settle::{SettleMethod, SettleProgress};
+use super::settle::{SettleMethod, SettleProgress, SkinSystem};
 
 /// Number of points along the radius of a ball where the skin possibly leaves it.
 const PLACES: u32 = 64;
@@ -31,16 +31,7 @@ impl PreparedPatch {
         before: Option<(&Inserted, Ball)>,
         watch: impl FnMut(&SettleProgress) -> bool,
     ) -> Result<Inserted, SkinError> {
-        // Without an implant a constant factor is sufficient and several times as fast.
-        let method = self.method.unwrap_or(SettleMethod::QuasiStatic);
-        let membrane = self.order.tissue.membrane();
-        let model = over_ball(
-            self.layers.clone(),
-            membrane,
-            ball.centre,
-            ball.radius,
-            method,
-        );
+        let model = self.model_over(&ball);
         let mut x = before.map_or_else(|| model.rest(), |(before, _)| before.x.clone());
         let up = self.frame * Vector3::z();
         x.iter_mut()
@@ -51,15 +42,30 @@ impl PreparedPatch {
                 .zip(self.raised(&was))
                 .for_each(|(p, lift)| *p -= up * lift);
         }
-        let progress = model.settle(&mut x, watch)?;
+        let settled = model.settle_each(&mut x, watch)?;
         let areas = Areas::of(&self.layers, &x);
         Ok(Inserted {
             shells: Vec::new(),
             areas,
-            progress,
+            progress: settled.progress,
             coarse_gain: None,
             x,
+            lifts: settled.lifts,
         })
+    }
+
+    /// The system of the skin and a ball.
+    pub(super) fn model_over(&self, ball: &Ball) -> SkinSystem {
+        // Without an implant a constant factor is sufficient and several times as fast.
+        let method = self.method.unwrap_or(SettleMethod::QuasiStatic);
+        let membrane = self.order.tissue.membrane();
+        over_ball(
+            self.layers.clone(),
+            membrane,
+            ball.centre,
+            ball.radius,
+            method,
+        )
     }
 
     /// Height of a taut skin over a ball above its rest position [m]: on the ball, and from there

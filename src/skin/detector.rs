@@ -73,12 +73,15 @@ pub(super) struct Detector<'a> {
     /// The edges of the lower layer, of each implant and of each obstacle.
     edges: Vec<Edges>,
     soft: f64,
-    lifts: BTreeMap<(On, [u32; 2]), Lift>,
+    pub lifts: Lifts,
 }
 
+/// The offsets of contacts, by their keys.
+pub(super) type Lifts = BTreeMap<(On, [u32; 2]), Lift>;
+
 /// Offset of the contacts of a vertex or an edge with a body.
-#[derive(Clone, Copy)]
-struct Lift {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Lift {
     /// The offset [m].
     by: f64,
     /// The next increase, relative to what is missing.

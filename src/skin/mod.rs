@@ -28,6 +28,7 @@ mod place;
 pub(crate) mod plan;
 pub(crate) mod prolongation;
 pub(crate) mod region;
+pub(crate) mod response;
 pub(crate) mod settle;
 pub(crate) mod shapes;
 mod solve_for_area;

@@ -7,12 +7,13 @@ use std::sync::OnceLock;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::areas::Areas;
+use super::detector::Lifts;
 use super::implant::Implant;
 use super::layers::{Layers, Tissue};
 use super::patch::{EVEN, MARGIN, Patch, TakenOut};
 use super::place::{advised, apart, downs, inward, lies_below, middle, placed};
 use super::region::{REACH, Region};
-use super::settle::{self, FilledImplant, SettleMethod, SkinSystem};
+use super::settle::{self, FilledImplant, SettleMethod, Settled, SkinSystem};
 use super::start::Begin;
 use super::support_surface::SupportSurface;
 use super::{BaseShape, SkinError};
@@ -144,6 +145,8 @@ pub struct Inserted {
     pub coarse_gain: Option<f64>,
     /// Effort and state of the solution.
     pub progress: settle::SettleProgress,
+    /// The offsets of contacts.
+    pub(super) lifts: Lifts,
 }
 
 impl Inserted {
@@ -391,14 +394,19 @@ impl PreparedPatch {
         };
         let fresh = likely.is_some();
         let mut x = likely.unwrap_or_else(|| start.clone());
-        let (mut progress, mut pressures) = model.settle_each(&mut x, &mut *watch)?;
-        if fresh && !progress.converged {
+        let mut settled = model.settle_each(&mut x, &mut *watch)?;
+        if fresh && !settled.progress.converged {
             // The start was too far away.
             x = start;
-            let done = progress.iterations;
-            (progress, pressures) = model.settle_each(&mut x, watch)?;
-            progress.iterations += done;
+            let done = settled.progress.iterations;
+            settled = model.settle_each(&mut x, watch)?;
+            settled.progress.iterations += done;
         }
+        let Settled {
+            mut progress,
+            pressures,
+            lifts,
+        } = settled;
         progress.iterations += iterations;
         let shell = |((implant, first), pressure): ((&FilledImplant, u32), f64)| {
             let first = first as usize;
@@ -425,6 +433,7 @@ impl PreparedPatch {
             progress,
             coarse_gain,
             x,
+            lifts,
         })
     }
 

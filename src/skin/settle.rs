@@ -11,7 +11,7 @@ use super::SkinError;
 use super::collapse::collapse;
 use super::contact::Touching;
 pub use super::detector::deepest;
-use super::detector::{Detector, PENALTY};
+use super::detector::{Detector, Lifts, PENALTY};
 use super::envelope::envelope;
 use super::hinges::bending;
 use super::layers::Layers;
@@ -140,6 +140,15 @@ pub struct SettleProgress {
     pub exhausted: bool,
 }
 
+/// A system at the end of its rounds.
+pub(super) struct Settled {
+    pub progress: SettleProgress,
+    /// The pressure in each implant [Pa].
+    pub pressures: Vec<f64>,
+    /// The offsets of contacts.
+    pub lifts: Lifts,
+}
+
 impl SettleProgress {
     /// The criterion of the equilibrium: `force` or `exhaustion`; `None` without equilibrium.
     pub fn rest_by(&self) -> Option<&'static str> {
@@ -266,10 +275,7 @@ fn larger(a: f64, b: f64) -> f64 {
 
 impl<'a> Descent<'a> {
     fn new(model: &'a SkinSystem) -> Self {
-        let held = |v: usize| model.layers.held.get(v).copied().unwrap_or(false);
-        let inverse_mass = (0..model.count())
-            .map(|v| if held(v) { 0.0 } else { 1.0 })
-            .collect();
+        let inverse_mass = model.inverse_mass();
         let (detector, progress) = (Detector::new(model), SettleProgress::default());
         Self {
             detector,
@@ -377,6 +383,13 @@ impl SkinSystem {
                 .sum::<usize>()
     }
 
+    /// Zero for each fixed vertex.
+    pub(super) fn inverse_mass(&self) -> Vec<f64> {
+        let held = |v: usize| self.layers.held.get(v).copied().unwrap_or(false);
+        let of = |v: usize| if held(v) { 0.0 } else { 1.0 };
+        (0..self.count()).map(of).collect()
+    }
+
     /// The first vertex of each implant.
     pub(super) fn firsts(&self) -> impl Iterator<Item = u32> {
         self.implants
@@ -447,18 +460,18 @@ impl SkinSystem {
         x: &mut [Point3<f64>],
         watch: impl FnMut(&SettleProgress) -> bool,
     ) -> Result<SettleProgress, SkinError> {
-        self.settle_each(x, watch).map(|(progress, _)| progress)
+        self.settle_each(x, watch).map(|settled| settled.progress)
     }
 
-    /// The same, with the pressure in each implant [Pa].
+    /// The same, with the pressures and what presses.
     ///
     /// # Errors
     /// See [`SkinSystem::settle`].
-    pub fn settle_each(
+    pub(super) fn settle_each(
         &self,
         x: &mut [Point3<f64>],
         mut watch: impl FnMut(&SettleProgress) -> bool,
-    ) -> Result<(SettleProgress, Vec<f64>), SkinError> {
+    ) -> Result<Settled, SkinError> {
         self.fill(x)?;
         let mut descent = Descent::new(self);
         for lifted in 0..=LIFTS {
@@ -478,7 +491,21 @@ impl SkinSystem {
                 break;
             }
         }
-        Ok((descent.progress, descent.pressures))
+        Ok(Settled {
+            progress: descent.progress,
+            pressures: descent.pressures,
+            lifts: descent.detector.lifts,
+        })
+    }
+
+    /// The energy at an equilibrium `x` [m] whose contacts have the offsets `lifts`.
+    pub(super) fn energy_at(&self, lifts: &Lifts, x: &[Point3<f64>]) -> Energy {
+        let mut detector = Detector::new(self);
+        detector.lifts.clone_from(lifts);
+        let mut touching = detector.touching(x);
+        // It only keeps rounds from diverging.
+        touching.touches.iter_mut().for_each(|t| t.slide = 0.0);
+        self.energy(&touching, &self.rest(), x)
     }
 
     /// True if triangles of the lower layer and of implants cross each other or an obstacle, of which

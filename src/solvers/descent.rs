@@ -105,7 +105,7 @@ impl Value for DescentOutcome {
 /// The multipliers of rows beside a matrix: solves the system of `areas` times `spreads` with
 /// `compliance` on the diagonal. A row without effect, because all its vertices are fixed, has the
 /// multiplier 0.
-fn multipliers(
+pub(super) fn multipliers(
     areas: &[Field],
     spreads: &[Field],
     compliance: impl Fn(usize) -> f64,

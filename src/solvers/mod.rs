@@ -25,6 +25,8 @@ pub(crate) mod press;
 pub(crate) mod quasi_static;
 #[cfg(feature = "sparse")]
 pub(crate) mod sparse;
+#[cfg(feature = "sparse")]
+mod response;
 pub mod stiffness;
 mod step;
 pub(crate) mod tension;
@@ -41,6 +43,8 @@ pub use energy::Energy;
 pub use newton::Newton;
 #[cfg(feature = "sparse")]
 pub use quasi_static::QuasiStatic;
+#[cfg(feature = "sparse")]
+pub use response::{Balance, Motion, Response};
 #[cfg(feature = "sparse")]
 pub use sparse::FactorError;
 

@@ -147,7 +147,7 @@ impl Newton {
     }
 
     /// Applies the inverse to fields, in place.
-    fn invert<'a>(&mut self, fields: impl Iterator<Item = &'a mut Field>) {
+    pub(super) fn invert<'a>(&mut self, fields: impl Iterator<Item = &'a mut Field>) {
         let Self {
             problem,
             factor,
@@ -205,7 +205,11 @@ impl Newton {
     }
 
     /// Factorises the second derivative, projected or shifted if necessary.
-    fn factorise(&mut self, x: &[Point3<f64>], pressures: &[f64]) -> Result<(), FactorError> {
+    pub(super) fn factorise(
+        &mut self,
+        x: &[Point3<f64>],
+        pressures: &[f64],
+    ) -> Result<(), FactorError> {
         let mut last = FactorError::NotPositiveDefinite { unknown: 0 };
         for (attempt, shift) in [0.0, 0.0].into_iter().chain(SHIFTS).enumerate() {
             // A shift adds to the matrix of the last attempt.

@@ -58,6 +58,10 @@ pub const T25: f64 = 1e-3;
 /// T26: momentum of bodies that nothing else touches, after a run, relative.
 pub const T26: f64 = 1e-9;
 
+/// T27: derivative of an equilibrium by a parameter, against differences of equilibria and against
+/// its adjoint, relative.
+pub const T27: f64 = 1e-6;
+
 /// All tolerances by name, in order.
 pub const ALL: &[(&str, f64)] = &[
     ("T1", T1),
@@ -86,6 +90,7 @@ pub const ALL: &[(&str, f64)] = &[
     ("T24", T24),
     ("T25", T25),
     ("T26", T26),
+    ("T27", T27),
 ];
 
 /// Number of random cases: `default`, or the value of `PLIANT_CASES`.

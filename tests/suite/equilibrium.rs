@@ -289,9 +289,10 @@ fn an_equilibrium_has_the_same_bits_for_any_number_of_threads() {
 }
 
 /// A floor at a height, as an obstacle for single vertices.
-struct Floor {
-    height: f64,
-    is_stopped: bool,
+pub struct Floor {
+    pub vertices: u32,
+    pub height: f64,
+    pub is_stopped: bool,
 }
 
 impl ContactFilter for Floor {
@@ -303,9 +304,7 @@ impl ContactFilter for Floor {
             origin,
             distance: 0.0,
         };
-        (0..make("tube").expect("a shape").mesh.vertices.len() as u32)
-            .map(row)
-            .collect()
+        (0..self.vertices).map(row).collect()
     }
     fn touching(&self) -> f64 {
         1e-9
@@ -324,6 +323,7 @@ fn a_tube_on_a_floor_balances_its_weight() {
     let tube = Tube::new();
     let bottom = tube.mesh.bounding_box().min.y;
     let mut floor = Floor {
+        vertices: tube.inverse_mass.len() as u32,
         height: bottom - 0.01,
         is_stopped: false,
     };

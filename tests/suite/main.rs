@@ -33,6 +33,7 @@ mod morph;
 mod oracles;
 mod pairs;
 mod refinement;
+mod response;
 mod scale;
 mod scene;
 mod scenes;
