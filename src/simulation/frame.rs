@@ -410,24 +410,41 @@ impl Body {
 
     /// Sets what changes with time in a step: the shortening of fibres, and a volume under pressure.
     pub(super) fn prepare(&mut self, of: &FrameSteps<'_>, step: usize) {
-        let particles = &self.system.particles;
-        let (x, w) = (&particles.position, &particles.inverse_mass);
         if let (0, Some(placed)) = (step, of.steps.last()) {
-            self.contraction.begin_frame(x, w, placed);
-            let obstacles = self.system.contacts.as_ref();
-            let obstacles = obstacles.map_or(&[][..], |contacts| contacts.obstacles());
-            self.ties.begin_frame(x, obstacles, &of.steps[0]);
+            self.begin_frame(&of.steps[0], placed);
         }
+        let x = &self.system.particles.position;
         self.carriage
             .carry(x, &of.steps[step], &mut self.system.carried);
         self.even_out(of, step);
-        let planes = self.ties.planes(&of.steps[step]);
+        let done = (step + 1) as f64 / of.steps.len() as f64;
+        self.set_to((of.frame - 1) as f64 + done, done, &of.steps[step]);
+        self.press(of, step);
+    }
+
+    /// Prepares a body that stands still among obstacles at `placed`, as at the end of a frame.
+    pub(super) fn prepare_still(&mut self, frame: usize, placed: &[PosedObstacle]) {
+        self.begin_frame(placed, placed);
+        self.set_to(frame as f64, 1.0, placed);
+    }
+
+    /// Begins a frame with obstacles at their poses in its first step and at its end.
+    fn begin_frame(&mut self, first: &[PosedObstacle], last: &[PosedObstacle]) {
+        let particles = &self.system.particles;
+        let (x, w) = (&particles.position, &particles.inverse_mass);
+        self.contraction.begin_frame(x, w, last);
+        let obstacles = self.system.contacts.as_ref();
+        let obstacles = obstacles.map_or(&[][..], |contacts| contacts.obstacles());
+        self.ties.begin_frame(x, obstacles, first);
+    }
+
+    /// Sets what follows the bones and the time, in frames.
+    fn set_to(&mut self, time: f64, done: f64, placed: &[PosedObstacle]) {
+        let planes = self.ties.planes(placed);
         if !planes.is_empty() {
             self.each_part(|part| part.place(&planes), |part| part.place(&planes));
         }
-        let done = (step + 1) as f64 / of.steps.len() as f64;
-        self.shorten((of.frame - 1) as f64 + done, done, &of.steps[step]);
-        self.press(of, step);
+        self.shorten(time, done, placed);
     }
 
     /// Evens out velocities at equal distances in a frame: its implicit step is stable for any length,

@@ -48,26 +48,15 @@ impl Joint {
         bonds: Option<Box<dyn Potential>>,
     ) -> Result<Self, FactorError> {
         let (mut ranges, mut x, mut mass) = (Vec::new(), Vec::new(), Vec::new());
-        for body in bodies.iter() {
+        let mut settings = DescentSettings::default();
+        for body in bodies.iter_mut() {
             let first = x.len();
             x.extend_from_slice(&body.rest.vertices);
             mass.extend_from_slice(&body.system.particles.inverse_mass);
             ranges.push(first..x.len());
+            settings = equilibrium(body).settings();
         }
-        let mut energy = Energy {
-            elastic: bonds.into_iter().collect(),
-            ..Energy::default()
-        };
-        let mut settings = DescentSettings::default();
-        for (body, range) in bodies.iter_mut().zip(&ranges) {
-            let own = equilibrium(body);
-            settings = own.settings();
-            let shifted = |v: &EnclosedVolume| v.shifted(range.start as u32, x.len());
-            energy
-                .volumes
-                .extend(own.energy_mut().volumes.iter().map(shifted));
-        }
-        take(bodies, &ranges, &mut energy);
+        let energy = combined(bodies, bonds);
         let mut solver = QuasiStatic::new(energy, &x, &mass, settings)?;
         give_back(bodies, &mut solver.problem.energy);
         Ok(Self { solver, ranges })
@@ -164,6 +153,27 @@ fn equilibrium(body: &mut Body) -> &mut Equilibrium {
         Stepper::Minimum(equilibrium) => equilibrium,
         Stepper::Sweeps | Stepper::Tracked(_) => unreachable!("a joint is of minima alone"),
     }
+}
+
+/// One energy of bodies with `bonds` between them; it takes their elastic parts.
+pub(super) fn combined(bodies: &mut [&mut Body], bonds: Option<Box<dyn Potential>>) -> Energy {
+    let mut count = 0;
+    let mut ranges = Vec::new();
+    for body in bodies.iter() {
+        ranges.push(count..count + body.count());
+        count += body.count();
+    }
+    let mut energy = Energy {
+        elastic: bonds.into_iter().collect(),
+        ..Energy::default()
+    };
+    for (body, range) in bodies.iter_mut().zip(&ranges) {
+        let shifted = |v: &EnclosedVolume| v.shifted(range.start as u32, count);
+        let own = equilibrium(body).energy_mut();
+        energy.volumes.extend(own.volumes.iter().map(shifted));
+    }
+    take(bodies, &ranges, &mut energy);
+    energy
 }
 
 /// Takes the elastic parts, forces and inertia of all bodies into one energy.

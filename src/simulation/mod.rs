@@ -19,6 +19,7 @@ mod fibres;
 mod frame;
 mod ready;
 mod refinement;
+mod sensitivity;
 mod joint;
 mod jump;
 pub(crate) mod joint_weights;
@@ -44,6 +45,7 @@ pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};
 pub use refinement::Attained;
+pub use sensitivity::{Sensitivities, SensitivityError, UncertainMeasure, sensitivities};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
 pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 

@@ -1,16 +1,20 @@
 //! Bodies that can meet take each step together; others are computed apart and in parallel.
 
+use std::ops::Range;
+
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::body::{Body, Stepper};
 use super::bonds::Bonded;
+use super::equilibrium::TOUCHING;
 use super::frame::{FrameSteps, SETTLED, step_body};
 use super::joint::Joint;
 use super::{Simulation, place};
+use crate::constraints::Potential;
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember, StepMotions};
 use crate::contact::response::OVER_VERTEX;
-use crate::contact::{Contacts, PosedObstacle};
+use crate::contact::{ContactPlane, Contacts, PosedObstacle};
 use crate::mesh::union_find::UnionFind;
 use crate::solvers::Broken;
 use crate::state::{DecodeError, Reader, State, Writer};
@@ -320,6 +324,43 @@ impl Group {
     /// Whether pairs of triangles keep its members apart.
     pub(super) fn has_meeting(&self) -> bool {
         self.meeting.is_some()
+    }
+
+    /// The energy of the bonds between its members, numbered one after the other.
+    pub(super) fn elastic_bonds(&self) -> Option<Box<dyn Potential>> {
+        self.meeting.as_ref()?.elastic_bonds()
+    }
+
+    /// What touches where its members rest: bones, and each other. Each member comes with its range in
+    /// the numbers of the rows.
+    pub(super) fn touching(
+        &mut self,
+        bodies: &[Body],
+        members: &[(usize, Range<usize>)],
+        still: &[PosedObstacle],
+    ) -> Vec<ContactPlane> {
+        let (mut rows, mut reach) = (Vec::new(), 0.0);
+        for (b, range) in members {
+            let system = &bodies[*b].system;
+            let Some(contacts) = &system.contacts else {
+                continue;
+            };
+            reach = TOUCHING * contacts.thickness();
+            for mut row in contacts.contact_planes() {
+                if row.room(&system.particles.position) <= reach {
+                    let vertices = row.terms.iter_mut();
+                    vertices.for_each(|(v, _)| *v += range.start as u32);
+                    rows.push(row);
+                }
+            }
+        }
+        if let Some(meeting) = &mut self.meeting {
+            let own = members.iter().map(|(b, _)| &bodies[*b].system.particles);
+            let x: Vec<&[Point3<f64>]> = own.map(|own| own.position.as_slice()).collect();
+            meeting.begin_step(&x, still);
+            rows.extend(meeting.planes(reach));
+        }
+        rows
     }
 
     /// The interfaces whose bonds it has, with the numbers of their springs.

@@ -46,7 +46,7 @@ const LOOK: f64 = 0.15;
 
 /// Radius of the surface that defines the tangential stiffness of a contact, relative to the base:
 /// smaller than the least real radius, so that no round diverges, and large enough for fast rounds.
-const BENDS: f64 = 0.1;
+pub(super) const BENDS: f64 = 0.1;
 
 /// Greatest penetration at equilibrium, relative to the base.
 const DEEP: f64 = 1e-3;

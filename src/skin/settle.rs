@@ -11,7 +11,7 @@ use super::SkinError;
 use super::collapse::collapse;
 use super::contact::Touching;
 pub use super::detector::deepest;
-use super::detector::{Detector, Lifts, PENALTY};
+use super::detector::{BENDS, Detector, Lifts, PENALTY};
 use super::envelope::envelope;
 use super::hinges::bending;
 use super::layers::Layers;
@@ -60,6 +60,10 @@ const EXHAUSTED: usize = 6;
 
 /// Least share of its permitted length that a round moves.
 const SHORTEST: f64 = 1.0 / 64.0;
+
+/// Radius of the surface under the skin at an equilibrium whose derivative is taken, relative to the
+/// base: about that of the implant.
+const CURVED: f64 = 0.5;
 
 /// Residual force at equilibrium, relative to the force of unit strain.
 const TOLERANCE: f64 = 1e-5;
@@ -503,8 +507,9 @@ impl SkinSystem {
         let mut detector = Detector::new(self);
         detector.lifts.clone_from(lifts);
         let mut touching = detector.touching(x);
-        // It only keeps rounds from diverging.
-        touching.touches.iter_mut().for_each(|t| t.slide = 0.0);
+        // Rounds take the surface for more curved than it is, so that none diverges.
+        let touches = touching.touches.iter_mut();
+        touches.for_each(|touch| touch.slide *= BENDS / CURVED);
         self.energy(&touching, &self.rest(), x)
     }
 

@@ -19,8 +19,9 @@ use super::energy::Energy;
 use super::history::{Field, add_scaled, dot};
 use super::newton::Newton;
 use super::sparse::FactorError;
+use super::unknowns::Unknowns;
 use crate::constraints::stencil::Blocks;
-use crate::constraints::{Stencil, Stencils};
+use crate::constraints::{EnclosedVolume, Stencil, Stencils};
 use crate::contact::ContactPlane;
 
 /// Stiffness that holds what touches, relative to the mean stiffness of a vertex.
@@ -104,7 +105,7 @@ impl Balance {
 
 impl Response {
     /// Factorises the second derivative of the equilibrium of `energy` at `x` [m]. Vertices without
-    /// inverse mass are fixed; the rows of `held` stay at their heights.
+    /// inverse mass are fixed; the rows of `held` that forces press against stay at their heights.
     ///
     /// # Errors
     /// Too little memory for the factor, or a part that moves freely.
@@ -117,10 +118,12 @@ impl Response {
         let mut energy = energy;
         // Of a motion, no inertia is part.
         energy.inertia = None;
-        if !held.is_empty() {
+        let unknowns = Unknowns::new(inverse_mass);
+        let (pressures, pressed) = pressed(&energy, &unknowns, x, held);
+        if !pressed.is_empty() {
             let stiffness = HOLDING * mean_stiffness(&energy, x);
-            let rows = held.iter().map(|row| HeldRow {
-                row: *row,
+            let rows = pressed.into_iter().map(|row| HeldRow {
+                row,
                 at: row.room(x),
                 stiffness,
             });
@@ -129,16 +132,6 @@ impl Response {
         }
         let mut newton = Newton::new(energy, x, inverse_mass, DescentSettings::default())?;
         let state = newton.problem.state(x);
-        // What touches is pressed by more than the volumes.
-        let (mut force, mut areas) = (state.gradient.clone(), state.areas.clone());
-        for (v, weight) in held.iter().flat_map(|row| row.terms) {
-            let fields = [&mut force].into_iter().chain(&mut areas);
-            fields
-                .filter(|_| weight != 0.0)
-                .for_each(|field| field[v as usize] = Vector3::zeros());
-        }
-        let found = multipliers(&areas, &areas, |_| 0.0, |i| -dot(&force, &areas[i]));
-        let pressures = newton.problem.pressures(&state, &found);
         newton.factorise(x, &pressures)?;
         let mut spreads = state.areas.clone();
         newton.invert(spreads.iter_mut());
@@ -250,6 +243,45 @@ impl Response {
         let pushed = self.pushed(motion, pressures);
         force.iter().zip(&pushed).map(|(f, p)| f - p).collect()
     }
+}
+
+/// The pressure in each volume [Pa], and the rows among `held` that forces press against.
+fn pressed(
+    energy: &Energy,
+    unknowns: &Unknowns,
+    x: &[Point3<f64>],
+    held: &[ContactPlane],
+) -> (Vec<f64>, Vec<ContactPlane>) {
+    let mut force = vec![Vector3::zeros(); x.len()];
+    energy.value_and_gradient(x, &mut force);
+    let volumes = energy.volumes.iter().map(|v| v.value_and_gradient(x));
+    let (excess, mut areas): (Vec<f64>, Vec<Field>) = volumes.unzip();
+    let fields = [&mut force].into_iter().chain(&mut areas);
+    fields.for_each(|field| unknowns.release_held(field));
+    // What touches is pressed by more than the volumes.
+    let (mut alone, mut without) = (force.clone(), areas.clone());
+    for (v, weight) in held.iter().flat_map(|row| row.terms) {
+        let fields = [&mut alone].into_iter().chain(&mut without);
+        fields
+            .filter(|_| weight != 0.0)
+            .for_each(|field| field[v as usize] = Vector3::zeros());
+    }
+    let free = multipliers(&without, &without, |_| 0.0, |i| dot(&alone, &without[i]));
+    let each = energy.volumes.iter().zip(&excess).zip(free);
+    let pressure = |((volume, excess), free): ((&EnclosedVolume, &f64), f64)| {
+        let compliance = volume.compliance();
+        if compliance > 0.0 {
+            -excess / compliance
+        } else {
+            free
+        }
+    };
+    let pressures: Vec<f64> = each.map(pressure).collect();
+    for (pressure, area) in pressures.iter().zip(&areas) {
+        add_scaled(&mut force, -pressure, area);
+    }
+    let rows = held.iter().filter(|row| row.along(&force) > 0.0);
+    (pressures, rows.copied().collect())
 }
 
 /// The mean stiffness of a vertex against motion in one direction [N/m].

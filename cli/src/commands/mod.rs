@@ -28,6 +28,7 @@ mod resume;
 mod run;
 mod scene_text;
 mod scenes;
+mod sensitivities;
 mod springs;
 mod stress;
 mod study;
@@ -97,6 +98,8 @@ enum Command {
     Study(study::Arguments),
     /// Strain a scene with parameters drawn at random, and report what must not happen
     Stress(stress::Arguments),
+    /// Compute the intervals of a result from those of the scene's values
+    Sensitivities(sensitivities::Arguments),
     /// Run a mass-spring system to rest: one from a file, or a lattice
     Springs(Box<springs::Arguments>),
     /// Change the length of a muscle of frusta that keeps its volume
@@ -154,6 +157,7 @@ pub fn main() -> ExitCode {
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
         Some(Command::Study(arguments)) => study::run(&arguments),
         Some(Command::Stress(arguments)) => stress::run(&arguments),
+        Some(Command::Sensitivities(arguments)) => sensitivities::run(&arguments),
         Some(Command::Springs(arguments)) => springs::run(&arguments),
         Some(Command::Biceps(arguments)) => biceps::run(&arguments),
         Some(Command::Fibres(arguments)) => fibres::run(&arguments),

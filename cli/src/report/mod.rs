@@ -27,6 +27,7 @@ pub mod record;
 pub mod register;
 pub mod results;
 pub mod run;
+pub mod sensitivities;
 mod shots;
 mod skin;
 pub mod springs;

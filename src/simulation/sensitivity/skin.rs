@@ -1,0 +1,163 @@
+//! Skin at the equilibrium of a frame.
+
+use std::ops::Range;
+
+use super::{Balanced, SensitivityError, Settled};
+use crate::mesh::measures::max_or_nan;
+use crate::mesh::measures::volume;
+use crate::progress::Progress;
+use crate::scene::Content;
+use crate::scene::content::{FillCourse, Support};
+use crate::simulation::scenario::Stepped;
+use crate::simulation::skin::{SkinPart, SkinRun};
+use crate::skin::Areas;
+use crate::skin::response::Pressing;
+use crate::solvers::Response;
+
+/// A run of skin up to a frame.
+pub(super) struct SettledSkin(SkinRun);
+
+impl SettledSkin {
+    fn failed(error: crate::skin::SkinError) -> SensitivityError {
+        SensitivityError::Failed(format!("{error}; {}", error.help()))
+    }
+
+    /// True where the volume follows from an area.
+    fn seeks_area(&self) -> bool {
+        match &self.0.scene.under {
+            Support::Implants(all) => all
+                .iter()
+                .any(|i| matches!(i.course, FillCourse::Target(_))),
+            Support::Ball(_) => false,
+        }
+    }
+}
+
+/// What presses from below a part of a run in a frame.
+fn pressing(run: &SkinRun, part: &SkinPart, frame: usize) -> Pressing {
+    match (&run.scene.under, &part.now) {
+        (Support::Ball(ball), _) => Pressing::Ball(run.ball_at(ball, part, frame)),
+        _ => Pressing::Implants(run.volumes_at(part, frame)),
+    }
+}
+
+impl Settled for SettledSkin {
+    fn settle(
+        content: &Content,
+        frame: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self, SensitivityError> {
+        let Content::Skin(scene) = content else {
+            return Err(SensitivityError::NotSupported(content.kind()));
+        };
+        let mut run = SkinRun::new_with((**scene).clone(), progress)?;
+        while run.frame() < frame {
+            match run.step(progress) {
+                Stepped::Done => {}
+                Stepped::Interrupted => return Err(SensitivityError::Interrupted),
+                Stepped::Failed(reason) => return Err(SensitivityError::Failed(reason)),
+            }
+        }
+        if !run.converged() {
+            let message = format!("the skin is not at equilibrium in frame {frame}");
+            return Err(SensitivityError::Failed(message));
+        }
+        run.parts.retain(|part| part.now.is_some());
+        Ok(Self(run))
+    }
+
+    fn responses(&self) -> Result<Vec<Response>, SensitivityError> {
+        let each = self.0.parts.iter().filter_map(|part| {
+            let done = part.now.as_ref()?;
+            let pressing = match &self.0.scene.under {
+                Support::Ball(_) => pressing(&self.0, part, self.0.frame()),
+                // With a target area, the volume that was found.
+                Support::Implants(_) => Pressing::Implants(done.volumes()),
+            };
+            Some(part.ready.response(&pressing, done))
+        });
+        each.collect::<Result<_, _>>().map_err(Self::failed)
+    }
+
+    fn similar(&self, content: &Content) -> Result<Option<Vec<Balanced>>, SensitivityError> {
+        let Content::Skin(scene) = content else {
+            return Ok(None);
+        };
+        // The volume of a target area follows from all other values.
+        if self.seeks_area() {
+            return Ok(None);
+        }
+        let run = SkinRun::new((**scene).clone())?;
+        if run.parts.len() != self.0.parts.len() {
+            return Ok(None);
+        }
+        let mut parts = Vec::new();
+        for (part, own) in run.parts.iter().zip(&self.0.parts) {
+            let Some(done) = &own.now else { continue };
+            let pressing = pressing(&run, part, self.0.frame());
+            let found = part.ready.energy_where(&pressing, (&own.ready, done));
+            match found.map_err(Self::failed)? {
+                Some((energy, x)) => parts.push(Balanced { energy, x }),
+                None => return Ok(None),
+            }
+        }
+        Ok(Some(parts))
+    }
+
+    fn own(&self) -> Result<Vec<Balanced>, SensitivityError> {
+        let mut parts = Vec::new();
+        for part in &self.0.parts {
+            if let Some(done) = &part.now {
+                parts.push(Balanced {
+                    energy: crate::solvers::Energy::default(),
+                    x: done.x.clone(),
+                });
+            }
+        }
+        Ok(parts)
+    }
+
+    fn measures(
+        &self,
+        parts: &[Balanced],
+        pressures: &[Vec<f64>],
+    ) -> Vec<(String, &'static str, f64)> {
+        let each = || self.0.parts.iter().zip(parts);
+        let areas: Areas = each()
+            .map(|(part, at)| Areas::of(&part.ready.layers, &at.x))
+            .sum();
+        let volumes = each().map(|(part, at)| {
+            let shells = part.now.iter().flat_map(|now| &now.shells);
+            let of = |shell: &crate::skin::Shell| {
+                volume(&at.x[shell.vertices.clone()], &shell.triangles)
+            };
+            shells.map(of).sum::<f64>()
+        });
+        let pressure = max_or_nan(pressures.iter().flatten().copied());
+        let values = [
+            ("area_deformed_m2", areas.deformed),
+            ("area_gain_m2", areas.gain()),
+            ("area_retracted_low_m2", areas.retracted.low),
+            ("area_retracted_high_m2", areas.retracted.high),
+            ("area_grown_low_m2", areas.grown.low),
+            ("area_grown_high_m2", areas.grown.high),
+            ("implant_volume_m3", volumes.sum::<f64>()),
+            ("volume_difference_m3", areas.volume_difference),
+            ("stretch_max", areas.stretch_max),
+            ("pressure_pa", pressure),
+        ];
+        let all = values.into_iter();
+        all.map(|(name, value)| (String::new(), name, value))
+            .collect()
+    }
+
+    fn bodies(&self) -> Vec<(String, usize, Range<usize>, Vec<[u32; 3]>)> {
+        let each = self.0.parts.iter().enumerate();
+        let of = |(k, part): (usize, &SkinPart)| {
+            let layers = &part.ready.layers;
+            let name = format!("skin over {}", part.name);
+            (name, k, 0..layers.count(), layers.triangles.clone())
+        };
+        each.map(of).collect()
+    }
+}
