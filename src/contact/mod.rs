@@ -195,3 +195,14 @@ pub struct PosedObstacle {
     /// Pose at the end of the step.
     pub now: Isometry3<f64>,
 }
+
+impl PosedObstacle {
+    /// The same obstacle, standing still where the step ends.
+    #[must_use]
+    pub fn still(&self) -> Self {
+        Self {
+            before: self.now,
+            ..self.clone()
+        }
+    }
+}

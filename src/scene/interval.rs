@@ -31,7 +31,7 @@ pub(super) struct Intervals<'a> {
 impl Intervals<'_> {
     /// Reads the quantity at `key`.
     pub fn read(&self, key: &str, text: &str, dimension: Dimension) -> Result<f64, UnitError> {
-        let (value, half) = quantity(text, dimension)?;
+        let (value, half) = uncertain_quantity(text, dimension)?;
         if let Some(half) = half {
             let mut found = self.found.borrow_mut();
             // Some values are read twice.
@@ -57,7 +57,19 @@ pub(super) fn has_interval(text: &str) -> bool {
 /// A quantity that can have an interval, such as `"300 +- 90 N/m"`, `"300 N/m +- 30 %"` or `"0.5 mm"`:
 /// the value and half of the interval in the SI unit of the dimension. The value takes the unit of its
 /// interval if it has none; a percentage is one of the value, but for a ratio.
-fn quantity(text: &str, dimension: Dimension) -> Result<(f64, Option<f64>), UnitError> {
+///
+/// # Errors
+/// As of [`parse`]; half of an interval that is not positive.
+///
+/// ```
+/// use pliant::scene::{uncertain_quantity, units::Dimension};
+/// assert_eq!(uncertain_quantity("300 +- 90 N/m", Dimension::Stiffness), Ok((300.0, Some(90.0))));
+/// assert!(uncertain_quantity("2 m +- 0 m", Dimension::Length).is_err());
+/// ```
+pub fn uncertain_quantity(
+    text: &str,
+    dimension: Dimension,
+) -> Result<(f64, Option<f64>), UnitError> {
     let sign = PLUS_MINUS.iter().find_map(|sign| text.split_once(sign));
     let Some((value, half)) = sign else {
         return parse(text, dimension).map(|value| (value, None));
@@ -92,7 +104,7 @@ mod tests {
 
     #[test]
     fn intervals_are_read_and_half_intervals_refused() {
-        let read = |text: &str| quantity(text, Dimension::Pressure);
+        let read = |text: &str| uncertain_quantity(text, Dimension::Pressure);
         for text in [
             "200 kPa +- 60 kPa",
             "200 +- 60 kPa",
@@ -104,7 +116,7 @@ mod tests {
             assert_relative_eq!(half.expect(text), 6e4, max_relative = 1e-15);
         }
         assert_eq!(read("200 kPa"), Ok((2e5, None)));
-        let ratio = quantity("10 % +- 2 %", Dimension::Ratio);
+        let ratio = uncertain_quantity("10 % +- 2 %", Dimension::Ratio);
         assert_eq!(ratio, Ok((0.1, Some(0.02))), "of a ratio, not of the value");
         for text in [
             "200 kPa +-",

@@ -53,7 +53,7 @@ pub use error::SceneError;
 pub(crate) use error::SceneProblem;
 pub use guess::likely_units;
 pub use interface::{Bonding, Interface};
-pub use interval::Uncertain;
+pub use interval::{Uncertain, uncertain_quantity};
 pub use limits::Limits;
 pub(crate) use origin::SceneOrigin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};

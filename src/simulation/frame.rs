@@ -334,6 +334,17 @@ pub(super) struct Stop<'a> {
     most: u64,
 }
 
+impl<'a> Stop<'a> {
+    /// Nothing ends the computation; `done` counts its work.
+    pub(super) fn never(done: &'a AtomicU64) -> Self {
+        Self {
+            asked: None,
+            done,
+            most: u64::MAX,
+        }
+    }
+}
+
 impl Stop<'_> {
     /// False if nothing can stop the frame.
     pub(super) fn can_come(self) -> bool {

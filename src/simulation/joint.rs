@@ -15,8 +15,9 @@ use crate::contact::meeting::{Certificate, Meeting};
 use crate::contact::{ContactPlane, PosedObstacle};
 use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::solvers::Broken;
-use crate::solvers::descent::{ContactFilter, DescentSettings};
+use crate::solvers::descent::{ContactFilter, DescentOutcome, DescentSettings, NoContact};
 use crate::solvers::energy::{Energy, Inertia, Member};
+use crate::solvers::newton::Newton;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::state::{DecodeError, Reader, State, Writer};
@@ -174,6 +175,57 @@ pub(super) fn combined(bodies: &mut [&mut Body], bonds: Option<Box<dyn Potential
     }
     take(bodies, &ranges, &mut energy);
     energy
+}
+
+/// Brings bodies that stand among still obstacles to their common equilibrium by Newton's method; alone
+/// with bones, or with all that they can meet.
+///
+/// # Errors
+/// Too little memory, or a part that moves freely.
+pub(super) fn refine(
+    mut meeting: Option<&mut Meeting>,
+    bodies: &mut [&mut Body],
+    still: &[PosedObstacle],
+    of: &FrameSteps<'_>,
+    settings: DescentSettings,
+) -> Result<DescentOutcome, FactorError> {
+    let bonds = meeting.as_ref().and_then(|meeting| meeting.elastic_bonds());
+    let (mut ranges, mut x, mut mass) = (Vec::new(), Vec::new(), Vec::new());
+    for body in bodies.iter() {
+        let (first, particles) = (x.len(), &body.system.particles);
+        x.extend_from_slice(&particles.position);
+        mass.extend_from_slice(&particles.inverse_mass);
+        ranges.push(first..x.len());
+    }
+    let energy = combined(bodies, bonds);
+    let mut newton = Newton::new(energy, &x, &mass, settings)?;
+    let watch = |_: &DescentOutcome, _: &[Point3<f64>]| !of.stop.is_asked();
+    let outcome = match (&mut meeting, &mut *bodies) {
+        (Some(meeting), bodies) => {
+            let mut around = Around::new(meeting, bodies, ranges.clone(), of, still);
+            around.bounds = Aabb::of_points(x.iter());
+            around.is_there = true;
+            around.begin(&x);
+            let outcome = newton.solve(&mut x, &mut around, watch);
+            around.end();
+            outcome
+        }
+        (None, [Body { system, method, .. }]) => match (&mut system.contacts, method) {
+            (Some(contacts), Stepper::Minimum(equilibrium)) => {
+                let mut bones = equilibrium.bones(contacts, still, of.stop);
+                newton.solve(&mut x, &mut bones, watch)
+            }
+            _ => newton.solve(&mut x, &mut NoContact, watch),
+        },
+        (None, _) => newton.solve(&mut x, &mut NoContact, watch),
+    };
+    give_back(bodies, &mut newton.problem.energy);
+    let outcome = outcome?;
+    for (body, range) in bodies.iter_mut().zip(ranges) {
+        let position = &mut body.system.particles.position;
+        position.copy_from_slice(&x[range]);
+    }
+    Ok(outcome)
 }
 
 /// Takes the elastic parts, forces and inertia of all bodies into one energy.

@@ -45,7 +45,8 @@ pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};
 pub use plan::{LeftOut, Planned};
 pub use refinement::Attained;
-pub use sensitivity::{Sensitivities, SensitivityError, UncertainMeasure, sensitivities};
+pub use sensitivity::{ByRuns, Sensitivities, SensitivityError, UncertainMeasure, sensitivities};
+pub use sensitivity::{Combination, FitTarget, Fitted, FittedValue, fit};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
 pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 

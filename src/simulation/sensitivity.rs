@@ -6,14 +6,20 @@
 //! volume or a load. Where another value makes other vertices, as the base of an implant does, two whole
 //! runs at the ends of the interval tell the change.
 //!
+//! A derivative does not know that a muscle folds in another way, or that something else touches, within
+//! an interval. A run with the value at its upper end tells it: of the change by the derivative and that
+//! of the run, the greater one counts.
+//!
 //! The values are independent: the square of half of a measure's interval is the sum of the squares that
 //! each value contributes.
 //!
-//! *Limitations.* First order: for intervals as wide as the value itself they are rough. What touches
-//! stays in touch within an interval.
+//! *Limitations.* Between the ends of an interval nothing is looked at, and values change one at a time.
 
+mod fit;
 mod muscles;
 mod skin;
+
+pub use fit::{Combination, FitTarget, Fitted, FittedValue, fit};
 
 use std::ops::Range;
 
@@ -31,12 +37,24 @@ const STEP: f64 = 1e-3;
 /// The greatest residual of a linear system that counts as solved, relative.
 const SOLVED: f64 = 1e-6;
 
+/// The greatest residual of an equilibrium, relative to the force of unit strain.
+const AT_REST: f64 = 1e-3;
+
+/// A change of a measure below this share of its value is rounding.
+const NEGLIGIBLE: f64 = 1e-6;
+
+/// Greatest number of Newton's steps from an equilibrium to a nearer one.
+const POLISHES: usize = 4;
+
 /// Why there are no intervals of a result.
 #[derive(Debug, thiserror::Error)]
 pub enum SensitivityError {
     /// No value of the scene has an interval.
     #[error("no value of the scene has an interval")]
     NoInterval,
+    /// What was measured does not belong to the scene.
+    #[error("{0}")]
+    NoTarget(String),
     /// Scenes of this kind have no equilibrium.
     #[error("a scene of the kind `{0}` has no equilibrium")]
     NotSupported(&'static str),
@@ -65,6 +83,20 @@ pub struct UncertainMeasure {
     pub value: f64,
     /// The derivative by each parameter.
     pub slopes: Vec<f64>,
+    /// The change by a run with each parameter at its upper end; NaN without a run.
+    pub changes: Vec<f64>,
+}
+
+/// How much is computed beside the derivatives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ByRuns {
+    /// No run.
+    Never,
+    /// One run for each value, at its upper end.
+    #[default]
+    Check,
+    /// Two runs for each value in place of the derivative.
+    Instead,
 }
 
 /// The intervals of a result.
@@ -83,16 +115,41 @@ pub struct Sensitivities {
     pub bodies: Vec<(String, TriangleMesh, Vec<f64>)>,
     /// Greatest residual of a linear system, relative to its right side.
     pub residual: f64,
+    /// Residual of the equilibrium, relative to the force of unit strain.
+    pub left: f64,
 }
 
 impl Sensitivities {
-    /// What each parameter contributes to half of the interval of a measure.
+    /// What each parameter contributes to half of the interval of a measure: the greater one of the
+    /// changes by its derivative and by its run.
     pub fn parts<'a>(&'a self, of: &'a UncertainMeasure) -> impl Iterator<Item = f64> + 'a {
         let halves = self.parameters.iter().map(|parameter| parameter.half);
-        of.slopes
-            .iter()
-            .zip(halves)
-            .map(|(slope, half)| slope * half)
+        let each = of.slopes.iter().zip(halves).zip(&of.changes);
+        each.map(|((slope, half), change)| {
+            let linear = slope * half;
+            if change.abs() > linear.abs() {
+                *change
+            } else {
+                linear
+            }
+        })
+    }
+
+    /// The measures that a run moves much farther than the derivative says, each with its parameter: by
+    /// more than half of the whole interval.
+    pub fn jumps(&self) -> Vec<(&UncertainMeasure, &Uncertain)> {
+        let mut all = Vec::new();
+        for measure in &self.measures {
+            let rounding = NEGLIGIBLE * measure.value.abs();
+            let least = f64::max(0.5 * self.half(measure), rounding);
+            let each = measure.slopes.iter().zip(&measure.changes);
+            for ((slope, change), parameter) in each.zip(&self.parameters) {
+                if (change - slope * parameter.half).abs() > least {
+                    all.push((measure, parameter));
+                }
+            }
+        }
+        all
     }
 
     /// Half of the interval of a measure, with a probability of 95 % if those of the parameters have it.
@@ -100,11 +157,19 @@ impl Sensitivities {
         self.parts(of).map(|part| part * part).sum::<f64>().sqrt()
     }
 
+    /// True if the equilibrium was found.
+    pub fn is_at_rest(&self) -> bool {
+        self.left <= AT_REST
+    }
+
     /// True if every linear system was solved.
     pub fn is_solved(&self) -> bool {
         self.residual <= SOLVED
     }
 }
+
+/// A body with its part, its vertices there, and its triangles among its vertices.
+type BodyPart = (String, usize, Range<usize>, Vec<[u32; 3]>);
 
 /// A part of a scene at equilibrium.
 struct Balanced {
@@ -125,8 +190,21 @@ trait Settled: Sized {
     /// How each of its parts answers.
     fn responses(&self) -> Result<Vec<Response>, SensitivityError>;
 
+    /// Residual of its equilibrium, relative to the force of unit strain.
+    fn left(&self) -> f64;
+
     /// The parts of a similar scene where this one is; `None` if its vertices are others.
     fn similar(&self, content: &Content) -> Result<Option<Vec<Balanced>>, SensitivityError>;
+
+    /// A similar scene at its equilibrium near this one; `None` if its vertices are others.
+    fn again(
+        &self,
+        content: &Content,
+        progress: &dyn Progress,
+    ) -> Result<Option<Self>, SensitivityError>;
+
+    /// Moves the vertices of each part.
+    fn shift(&mut self, motions: &[Vec<Vector3<f64>>]);
 
     /// Its own parts, and the pressures in their volumes [Pa].
     fn own(&self) -> Result<Vec<Balanced>, SensitivityError>;
@@ -138,20 +216,20 @@ trait Settled: Sized {
         pressures: &[Vec<f64>],
     ) -> Vec<(String, &'static str, f64)>;
 
-    /// Each body with its part, its vertices there, and its triangles among its vertices.
-    fn bodies(&self) -> Vec<(String, usize, Range<usize>, Vec<[u32; 3]>)>;
+    /// Each body.
+    fn bodies(&self) -> Vec<BodyPart>;
 }
 
 /// The intervals of the result of a scene in a frame. Each value with an interval is read again by
-/// [`Content::with_values`]; `variables` are those of its paths. With `all_by_runs` no derivative is
-/// taken: two whole runs at the ends of each interval tell the changes.
+/// [`Content::with_values`]; `variables` are those of its paths. `runs` says what is computed
+/// beside the derivatives.
 ///
 /// # Errors
 /// See [`SensitivityError`].
 pub fn sensitivities(
     content: &Content,
     frame: usize,
-    all_by_runs: bool,
+    runs: ByRuns,
     variables: Variables,
     progress: &dyn Progress,
 ) -> Result<Sensitivities, SensitivityError> {
@@ -159,11 +237,9 @@ pub fn sensitivities(
         return Err(SensitivityError::NoInterval);
     }
     match content {
-        Content::Skin(_) => {
-            found::<skin::SettledSkin>(content, frame, all_by_runs, variables, progress)
-        }
+        Content::Skin(_) => found::<skin::SettledSkin>(content, frame, runs, variables, progress),
         Content::Muscles(_) => {
-            found::<muscles::SettledMuscles>(content, frame, all_by_runs, variables, progress)
+            found::<muscles::SettledMuscles>(content, frame, runs, variables, progress)
         }
         other => Err(SensitivityError::NotSupported(other.kind())),
     }
@@ -172,7 +248,7 @@ pub fn sensitivities(
 fn found<S: Settled>(
     content: &Content,
     frame: usize,
-    all_by_runs: bool,
+    runs: ByRuns,
     variables: Variables,
     progress: &dyn Progress,
 ) -> Result<Sensitivities, SensitivityError> {
@@ -185,6 +261,7 @@ fn found<S: Settled>(
     let own = settled.measures(&parts, &pressures);
     let mut all = Sensitivities {
         frame,
+        left: settled.left(),
         parameters: content.uncertain().to_vec(),
         measures: own
             .into_iter()
@@ -193,6 +270,7 @@ fn found<S: Settled>(
                 name,
                 value,
                 slopes: Vec::new(),
+                changes: Vec::new(),
             })
             .collect(),
         ..Sensitivities::default()
@@ -205,9 +283,9 @@ fn found<S: Settled>(
         let at = |value: f64| content.with_values(&[(&parameter.key, value)], variables);
         let step = STEP * parameter.half;
         let ends = [1.0, -1.0].map(|sign| at(parameter.value + sign * step));
-        let similar = |end: Result<Content, SceneError>| match all_by_runs {
-            true => Ok(None),
-            false => settled.similar(&end?),
+        let similar = |end: Result<Content, SceneError>| match runs {
+            ByRuns::Instead => Ok(None),
+            _ => settled.similar(&end?),
         };
         let [above, below] = ends.map(similar);
         let (slopes, by_runs) = match (above, below) {
@@ -233,6 +311,18 @@ fn found<S: Settled>(
         all.by_runs.push(by_runs);
         let each = all.measures.iter_mut().zip(slopes);
         each.for_each(|(measure, slope)| measure.slopes.push(slope));
+        let upper = match at(parameter.value + parameter.half) {
+            Ok(upper) if runs == ByRuns::Check && !by_runs => Some(upper),
+            // Nothing can be run where the value is not allowed.
+            _ => None,
+        };
+        let changed = upper
+            .map(|upper| run::<S>(&upper, frame, progress))
+            .transpose()?;
+        for (m, measure) in all.measures.iter_mut().enumerate() {
+            let value = changed.as_ref().map_or(f64::NAN, |changed| changed[m]);
+            measure.changes.push(value - measure.value);
+        }
     }
     for ((name, part, range, triangles), squares) in bodies.into_iter().zip(squares) {
         let vertices = parts[part].x[range].to_vec();
@@ -312,17 +402,55 @@ fn by_runs<S: Settled>(
             _ => half *= 0.5,
         }
     };
-    let [above, below] = ends.map(|content| -> Result<_, SensitivityError> {
-        let settled = S::settle(&content, frame, progress)?;
-        let responses = settled.responses()?;
-        let pressures: Vec<_> = responses.into_iter().map(|r| r.pressures).collect();
-        Ok(settled.measures(&settled.own()?, &pressures))
-    });
+    let [above, below] = ends.map(|content| run::<S>(&content, frame, progress));
     let (above, below) = (above?, below?);
     let each = above.iter().zip(&below);
-    Ok(each
-        .map(|((.., a), (.., b))| (a - b) / (2.0 * half))
-        .collect())
+    Ok(each.map(|(a, b)| (a - b) / (2.0 * half)).collect())
+}
+
+/// The measures of a scene in a frame.
+fn run<S: Settled>(
+    content: &Content,
+    frame: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<f64>, SensitivityError> {
+    let settled = S::settle(content, frame, progress)?;
+    let responses = settled.responses()?;
+    let pressures: Vec<_> = responses.into_iter().map(|r| r.pressures).collect();
+    let measures = settled.measures(&settled.own()?, &pressures);
+    Ok(measures.into_iter().map(|(.., value)| value).collect())
+}
+
+/// Steps of Newton's method towards the equilibrium, as long as less force is left; what touches stays.
+/// Returns how each part answers there.
+fn polish<S: Settled>(settled: &mut S) -> Result<Vec<Response>, SensitivityError> {
+    let mut responses = settled.responses()?;
+    let mut left = forces(settled, &responses)?;
+    for _ in 0..POLISHES {
+        let own = settled.own()?;
+        let parts = responses.iter_mut().zip(&own);
+        let steps: Vec<Vec<Vector3<f64>>> = parts
+            .map(|(response, part)| response.motion(&response.balance(&part.energy, &part.x)).x)
+            .collect();
+        settled.shift(&steps);
+        let next = settled.responses()?;
+        let now = forces(settled, &next)?;
+        if !(now < left) {
+            let back = |step: &Vec<Vector3<f64>>| step.iter().map(|x| -x).collect();
+            settled.shift(&steps.iter().map(back).collect::<Vec<_>>());
+            break;
+        }
+        (responses, left) = (next, now);
+    }
+    Ok(responses)
+}
+
+/// Sum over all parts of the squared force that is left on vertices [N^2], without what contact bears.
+fn forces<S: Settled>(settled: &S, responses: &[Response]) -> Result<f64, SensitivityError> {
+    let own = settled.own()?;
+    let each = responses.iter().zip(&own);
+    let left = each.map(|(response, part)| response.unbalanced(&part.energy, &part.x));
+    Ok(left.sum())
 }
 
 fn unsolved(error: FactorError) -> SensitivityError {

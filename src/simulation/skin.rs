@@ -190,6 +190,17 @@ impl SkinRun {
         self.frame
     }
 
+    /// Begins after a frame from results of a similar run, one for each part.
+    pub(super) fn begin_after(
+        &mut self,
+        frame: usize,
+        results: impl Iterator<Item = Option<Inserted>>,
+    ) {
+        self.frame = frame;
+        let each = self.parts.iter_mut().zip(results);
+        each.for_each(|(part, result)| part.now = result);
+    }
+
     /// True if all parts reached their equilibrium in every frame.
     pub fn converged(&self) -> bool {
         self.parts.iter().all(SkinPart::converged)

@@ -87,6 +87,23 @@ impl Simulation {
         };
     }
 
+    /// Goes back to before a frame, with bones at `poses` before and after it.
+    pub(super) fn stand_still(&mut self, frame: usize, poses: &[Isometry3<f64>]) {
+        self.frame = frame - 1;
+        for (bone, &pose) in self.scene.bones.iter_mut().zip(poses) {
+            let frames = [self.frame, frame];
+            let key = |frame: usize| Key {
+                frame: frame as f64,
+                pose,
+            };
+            bone.motion = Motion {
+                keys: frames.map(key).to_vec(),
+                joint: None,
+                linear: true,
+            };
+        }
+    }
+
     /// Drags a vertex of a muscle to a position [m] with a spring of `stiffness` [N/m], which
     /// replaces an earlier one; see [`Grip`].
     pub fn drag(&mut self, muscle: usize, vertex: u32, to: Point3<f64>, stiffness: f64) {

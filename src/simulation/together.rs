@@ -17,6 +17,8 @@ use crate::contact::response::OVER_VERTEX;
 use crate::contact::{ContactPlane, Contacts, PosedObstacle};
 use crate::mesh::union_find::UnionFind;
 use crate::solvers::Broken;
+use crate::solvers::descent::{DescentOutcome, DescentSettings};
+use crate::solvers::sparse::FactorError;
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// Number of rounds in which volume and certificate are brought together.
@@ -331,6 +333,17 @@ impl Group {
         self.meeting.as_ref()?.elastic_bonds()
     }
 
+    /// Brings its members to their equilibrium by Newton's method, among obstacles that stand still.
+    pub(super) fn refine(
+        &mut self,
+        bodies: &mut [&mut Body],
+        still: &[PosedObstacle],
+        of: &FrameSteps<'_>,
+        settings: DescentSettings,
+    ) -> Result<DescentOutcome, FactorError> {
+        super::joint::refine(self.meeting.as_mut(), bodies, still, of, settings)
+    }
+
     /// What touches where its members rest: bones, and each other. Each member comes with its range in
     /// the numbers of the rows.
     pub(super) fn touching(
@@ -539,13 +552,7 @@ fn settle(
     of: &FrameSteps<'_>,
 ) {
     let depth = SETTLED * of.thickness;
-    let still: Vec<PosedObstacle> = placed
-        .iter()
-        .map(|p| PosedObstacle {
-            before: p.now,
-            ..p.clone()
-        })
-        .collect();
+    let still: Vec<PosedObstacle> = placed.iter().map(PosedObstacle::still).collect();
     for _ in 0..SETTLING {
         meeting.begin_step(&positions(bodies), &still);
         moving(bodies).for_each(|body| body.system.settle_contact(&still));

@@ -80,6 +80,8 @@ pub struct Response {
     x: Vec<Point3<f64>>,
     areas: Vec<Field>,
     spreads: Vec<Field>,
+    /// What touches and is pressed.
+    held: Vec<ContactPlane>,
     /// The pressure in each volume [Pa].
     pub pressures: Vec<f64>,
 }
@@ -122,7 +124,7 @@ impl Response {
         let (pressures, pressed) = pressed(&energy, &unknowns, x, held);
         if !pressed.is_empty() {
             let stiffness = HOLDING * mean_stiffness(&energy, x);
-            let rows = pressed.into_iter().map(|row| HeldRow {
+            let rows = pressed.iter().map(|&row| HeldRow {
                 row,
                 at: row.room(x),
                 stiffness,
@@ -140,6 +142,7 @@ impl Response {
             x: x.to_vec(),
             areas: state.areas,
             spreads,
+            held: pressed,
             pressures,
         })
     }
@@ -157,6 +160,13 @@ impl Response {
         }
         self.newton.problem.unknowns.release_held(&mut gradient);
         Balance { gradient, volumes }
+    }
+
+    /// The squared force that is left at `x` [m] [N^2], without what held contacts bear.
+    pub fn unbalanced(&self, energy: &Energy, x: &[Point3<f64>]) -> f64 {
+        let mut force = self.balance(energy, x).gradient;
+        self.newton.problem.support_together(&self.held, &mut force);
+        dot(&force, &force)
     }
 
     /// The motion that undoes the change of a balance by a unit of a parameter. The adjoint of a measure

@@ -15,6 +15,7 @@ mod environment;
 mod excerpt;
 mod failure;
 mod fibres;
+mod fit;
 mod from_meshes;
 mod implant;
 mod init;
@@ -100,6 +101,8 @@ enum Command {
     Stress(stress::Arguments),
     /// Compute the intervals of a result from those of the scene's values
     Sensitivities(sensitivities::Arguments),
+    /// Find values of a scene with which its result has a measured shape
+    Fit(Box<fit::Arguments>),
     /// Run a mass-spring system to rest: one from a file, or a lattice
     Springs(Box<springs::Arguments>),
     /// Change the length of a muscle of frusta that keeps its volume
@@ -158,6 +161,7 @@ pub fn main() -> ExitCode {
         Some(Command::Study(arguments)) => study::run(&arguments),
         Some(Command::Stress(arguments)) => stress::run(&arguments),
         Some(Command::Sensitivities(arguments)) => sensitivities::run(&arguments),
+        Some(Command::Fit(arguments)) => fit::run(&arguments),
         Some(Command::Springs(arguments)) => springs::run(&arguments),
         Some(Command::Biceps(arguments)) => biceps::run(&arguments),
         Some(Command::Fibres(arguments)) => fibres::run(&arguments),

@@ -8,6 +8,7 @@
 pub mod audit;
 pub mod biceps;
 pub mod fibres;
+pub mod fit;
 pub mod folder;
 pub mod frames;
 pub mod gathered;

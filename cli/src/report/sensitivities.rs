@@ -11,6 +11,7 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
 use pliant::morph::axes;
+use pliant::scene::Uncertain;
 use pliant::simulation::{Sensitivities, UncertainMeasure};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, PictureError, Surface, TextStyle, View,
@@ -36,7 +37,7 @@ const UNITS: [(&str, &str, f64); 6] = [
 ];
 
 /// The words of a measure, its unit in tables and the factor to it.
-fn shown(name: &str) -> (String, &'static str, f64) {
+pub(super) fn shown(name: &str) -> (String, &'static str, f64) {
     let unit = UNITS.iter().find(|(end, ..)| name.ends_with(end));
     let (end, unit, factor) = unit.copied().unwrap_or(("", "", 1.0));
     let words = name.strip_suffix(end).unwrap_or(name);
@@ -134,6 +135,7 @@ fn to_json(found: &Sensitivities) -> Value {
             "value": measure.value,
             "half": found.half(measure),
             "slopes": measure.slopes,
+            "changes": measure.changes,
             "elasticities": elasticities.collect::<Vec<_>>(),
             "contributions": found.parts(measure).collect::<Vec<_>>(),
         })
@@ -155,6 +157,7 @@ fn to_json(found: &Sensitivities) -> Value {
             "method": "derivative of the equilibrium by each value with an interval",
         },
         "residual": found.residual,
+        "equilibrium_residual": found.left,
     })
 }
 
@@ -174,12 +177,13 @@ fn data(found: &Sensitivities) -> DataFile<'_> {
         "parameter_half",
         "slope",
         "elasticity",
+        "change_of_run",
         "contribution",
     ];
     let rows = found.measures.iter().flat_map(move |measure| {
         let half = found.half(measure);
         let each = found.parameters.iter().zip(&measure.slopes);
-        let row = move |((p, slope), part): ((&pliant::scene::Uncertain, &f64), f64)| {
+        let row = move |(((p, slope), change), part): (((&Uncertain, &f64), &f64), f64)| {
             vec![
                 measure.body.clone(),
                 measure.name.to_owned(),
@@ -190,9 +194,11 @@ fn data(found: &Sensitivities) -> DataFile<'_> {
                 p.half.to_string(),
                 slope.to_string(),
                 elasticity(*slope, p.value, measure.value).to_string(),
+                change.to_string(),
                 part.to_string(),
             ]
         };
+        let each = each.zip(&measure.changes);
         each.zip(found.parts(measure)).map(row)
     });
     DataFile::new("sensitivities.csv", columns, rows)
@@ -216,13 +222,13 @@ fn view(mesh: &TriangleMesh) -> View {
     }
 }
 
-/// A surface coloured by the interval of the position of its vertices.
-fn picture(name: &str, mesh: &TriangleMesh, halves: &[f64]) -> Frame {
-    let of_mm: Vec<f64> = halves.iter().map(|half| half * 1e3).collect();
+/// A surface coloured by lengths [m] at its vertices.
+pub(super) fn picture(name: &str, of: &str, mesh: &TriangleMesh, lengths: &[f64]) -> Frame {
+    let of_mm: Vec<f64> = lengths.iter().map(|length| length * 1e3).collect();
     let most = max_or_nan(of_mm.iter().copied());
     let range = (0.0, if most > 0.0 { most } else { 1.0 });
     let map = ColourMap::Viridis;
-    let legend = Legend::new("Interval +-", "mm", range, map);
+    let legend = Legend::new(of, "mm", range, map);
     let room = legend.width();
     let canvas = Canvas::new(SIZE.0 + room as u32, SIZE.1);
     let canvas = canvas.with_right(room).with_top(26.0);
@@ -246,7 +252,7 @@ pub fn output<'a>(name: &str, found: &'a Sensitivities) -> Result<RunOutput<'a>,
         pictures.push(Picture {
             file: format!("{file}.png"),
             caption: format!("{body}: interval of the position of each point"),
-            bytes: picture(body, mesh, halves).to_png()?,
+            bytes: picture(body, "Interval +-", mesh, halves).to_png()?,
             wide: false,
         });
         files.push(OutputFile::new(format!("{file}.vtp"), move |path| {
@@ -259,17 +265,37 @@ pub fn output<'a>(name: &str, found: &'a Sensitivities) -> Result<RunOutput<'a>,
             vtp::write(path, &data)
         }));
     }
+    let mut findings = Vec::new();
+    for (measure, parameter) in found.jumps() {
+        let (words, unit, factor) = shown(measure.name);
+        let k = found.parameters.iter().position(|p| p == parameter);
+        let [linear, run] = k.map_or([f64::NAN; 2], |k| {
+            [measure.slopes[k] * parameter.half, measure.changes[k]]
+        });
+        findings.push(format!(
+            "{}{words}: with {} at the upper end of its interval a run changes it by {} {unit}, and the derivative says {} {unit}; \
+             the interval takes the greater one",
+            if measure.body.is_empty() { String::new() } else { format!("{}: ", measure.body) },
+            parameter.key,
+            number(run * factor),
+            number(linear * factor),
+        ));
+    }
     let is_known = found.measures.iter().all(|m| found.half(m).is_finite());
     Ok(RunOutput {
         kind: "sensitivities",
         name: name.to_owned(),
         measures: to_json(found),
         verdicts: vec![
+            Verdict::new("the equilibrium is reached", found.is_at_rest())
+                .with_value(found.left)
+                .else_do("its derivative is that of another state: choose a frame in which nothing slides, or other values"),
             Verdict::new("the linear system of each value is solved", found.is_solved())
                 .with_value(found.residual)
-                .else_do("tell the changes by whole runs: --runs"),
+                .else_do("tell the changes by runs: --runs instead"),
             Verdict::new("every interval is a number", is_known),
         ],
+        findings,
         title: format!("{name}: intervals of the result"),
         subtitle: format!("equilibrium of frame {}", found.frame),
         tables_of_text: 3,
@@ -277,8 +303,8 @@ pub fn output<'a>(name: &str, found: &'a Sensitivities) -> Result<RunOutput<'a>,
         pictures,
         explanations: vec![
             "Each value lies in its interval with a probability of 95 %, and so does each measure. The values are taken as \
-             independent. The intervals are of first order: where a value's interval is as wide as the value, they are rough; \
-             --runs tells the change between the ends."
+             independent. A value contributes the greater one of two changes: that by the derivative, and that of a run with the \
+             value at the upper end of its interval."
                 .to_owned(),
         ],
         data: vec![data(found)],

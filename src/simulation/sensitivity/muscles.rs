@@ -4,22 +4,36 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
-use super::{Balanced, SensitivityError, Settled, unsolved};
-use crate::contact::ContactPlane;
+use super::{Balanced, BodyPart, SensitivityError, Settled, unsolved};
+use crate::contact::{ContactPlane, PosedObstacle};
 use crate::fibres::polyline::length;
 use crate::mesh::measures::{area, volume};
 use crate::progress::Progress;
 use crate::scene::{Content, Scene, SolverQuestion};
+use crate::simulation::frame::{FrameSteps, Stop};
 use crate::simulation::joint::combined;
-use crate::simulation::{Body, Simulation, Stepped};
+use crate::simulation::{Assets, Body, LoadError, Plan, Simulation, Stepped};
 use crate::solvers::Response;
+use crate::solvers::descent::DescentSettings;
+use std::sync::atomic::AtomicU64;
 
 /// Residual of the equilibrium, relative to the force of unit strain.
 const TOLERANCE: f64 = 1e-5;
 
+/// Newton's method to the equilibrium itself.
+const NEWTON: DescentSettings = DescentSettings {
+    tolerance: 1e-10,
+    iterations: 60,
+};
+
 /// Muscles at equilibrium.
 pub(super) struct SettledMuscles {
+    /// The scene, whose bones move as given.
+    scene: Scene,
+    assets: Assets,
     run: Simulation,
+    /// Residual of the equilibrium, relative to the force of unit strain.
+    left: f64,
     parts: Vec<Part>,
 }
 
@@ -41,10 +55,37 @@ fn at_rest(scene: &Scene) -> Scene {
     }
 }
 
+/// A simulation of a scene at rest, with the meshes `known` of a similar scene if they are the same.
+fn resting(
+    scene: &Scene,
+    known: Option<(&Scene, &Assets)>,
+) -> Result<(Simulation, Assets), LoadError> {
+    let same = known.filter(|(other, _)| has_meshes_of(scene, other));
+    let assets = match same {
+        Some((_, assets)) => {
+            assets.suit(scene)?;
+            assets.clone()
+        }
+        None => Assets::load(scene)?,
+    };
+    let scene = at_rest(scene);
+    let plan = Plan::new(&scene, &assets);
+    Ok((Simulation::with(scene, assets.clone(), plan)?, assets))
+}
+
+/// True if two scenes differ in materials and effects only.
+fn has_meshes_of(scene: &Scene, other: &Scene) -> bool {
+    let mut alike = scene.clone();
+    alike.effects.clone_from(&other.effects);
+    let each = alike.muscles.iter_mut().zip(&other.muscles);
+    each.for_each(|(muscle, other)| muscle.material.clone_from(&other.material));
+    alike == *other
+}
+
 impl SettledMuscles {
     /// The parts of a scene where the muscles of this one are.
     fn here(&self, scene: &Scene) -> Result<Option<Vec<Balanced>>, SensitivityError> {
-        let mut there = Simulation::new(at_rest(scene))?;
+        let (mut there, _) = resting(scene, Some((&self.scene, &self.assets)))?;
         let count = |run: &Simulation| run.bodies.iter().map(Body::count).collect::<Vec<_>>();
         let poses = |run: &Simulation| {
             let frame = self.run.frame() as f64;
@@ -83,41 +124,52 @@ impl SettledMuscles {
     }
 }
 
-impl Settled for SettledMuscles {
-    fn settle(
-        content: &Content,
-        frame: usize,
+/// The next frame of a run.
+fn step(run: &mut Simulation, progress: &dyn Progress) -> Result<(), SensitivityError> {
+    match run.step_frame_with(progress) {
+        Stepped::Done => Ok(()),
+        Stepped::Interrupted => Err(SensitivityError::Interrupted),
+        Stepped::Failed(reason) => Err(SensitivityError::Failed(reason)),
+    }
+}
+
+impl SettledMuscles {
+    /// A run after one more frame.
+    fn at_end(
+        (scene, assets): (&Scene, Assets),
+        mut run: Simulation,
         progress: &dyn Progress,
     ) -> Result<Self, SensitivityError> {
-        let Content::Muscles(scene) = content else {
-            return Err(SensitivityError::NotSupported(content.kind()));
-        };
-        let step = |run: &mut Simulation| match run.step_frame_with(progress) {
-            Stepped::Done => Ok(()),
-            Stepped::Interrupted => Err(SensitivityError::Interrupted),
-            Stepped::Failed(reason) => Err(SensitivityError::Failed(reason)),
-        };
-        let mut moving = Simulation::new(Scene {
-            accuracy: None,
-            ..(**scene).clone()
-        })?;
-        while moving.frame() + 1 < frame {
-            let (done, stage) = (moving.frame(), "running to the frame");
-            if progress.report(stage, done, frame).is_break() {
-                return Err(SensitivityError::Interrupted);
-            }
-            step(&mut moving)?;
-        }
-        let mut run = Simulation::new(at_rest(scene))?;
-        run.continue_from(&moving);
-        progress.begin("equilibrium");
-        step(&mut run)?;
+        step(&mut run, progress)?;
         if let Some(body) = run.bodies.iter().find(|body| body.stopped.is_some()) {
-            let message = format!("{} stopped before frame {frame}", body.name);
+            let message = format!("{} stopped in frame {}", body.name, run.frame());
             return Err(SensitivityError::Failed(message));
         }
+        let still: Vec<PosedObstacle> = run.placed.iter().map(PosedObstacle::still).collect();
+        let done = AtomicU64::new(0);
+        let of = FrameSteps {
+            steps: Vec::new(),
+            dt: 1.0,
+            frame: run.frame(),
+            thickness: scene.effects.contact.map_or(0.0, |c| c.thickness),
+            is_last_try: true,
+            stop: Stop::never(&done),
+        };
+        let mut left = 0.0;
+        for group in &mut run.groups {
+            let mut bodies: Vec<Option<&mut Body>> = run.bodies.iter_mut().map(Some).collect();
+            let members = group.members.clone();
+            let members = members.iter().filter_map(|&b| bodies[b].take());
+            let mut bodies: Vec<&mut Body> = members.collect();
+            let outcome = group
+                .refine(&mut bodies, &still, &of, NEWTON)
+                .map_err(unsolved)?;
+            // Not `f64::max`, which would hide a NaN.
+            if !(outcome.residual <= left) {
+                left = outcome.residual;
+            }
+        }
         let mut parts = Vec::new();
-        let still: Vec<_> = run.placed.clone();
         for group in &mut run.groups {
             let mut bodies = Vec::new();
             let mut first = 0;
@@ -129,7 +181,40 @@ impl Settled for SettledMuscles {
             let rows = group.touching(&run.bodies, &bodies, &still);
             parts.push(Part { bodies, rows });
         }
-        Ok(Self { run, parts })
+        Ok(Self {
+            scene: scene.clone(),
+            assets,
+            run,
+            left,
+            parts,
+        })
+    }
+}
+
+impl Settled for SettledMuscles {
+    fn settle(
+        content: &Content,
+        frame: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self, SensitivityError> {
+        let Content::Muscles(scene) = content else {
+            return Err(SensitivityError::NotSupported(content.kind()));
+        };
+        let mut moving = Simulation::new(Scene {
+            accuracy: None,
+            ..(**scene).clone()
+        })?;
+        while moving.frame() + 1 < frame {
+            let (done, stage) = (moving.frame(), format!("frame {}", moving.frame()));
+            if progress.report(&stage, done, frame).is_break() {
+                return Err(SensitivityError::Interrupted);
+            }
+            step(&mut moving, progress)?;
+        }
+        let (mut run, assets) = resting(scene, None)?;
+        run.continue_from(&moving);
+        progress.begin("equilibrium");
+        Self::at_end((scene, assets), run, progress)
     }
 
     fn responses(&self) -> Result<Vec<Response>, SensitivityError> {
@@ -144,6 +229,10 @@ impl Settled for SettledMuscles {
         Ok(responses)
     }
 
+    fn left(&self) -> f64 {
+        self.left
+    }
+
     fn similar(&self, content: &Content) -> Result<Option<Vec<Balanced>>, SensitivityError> {
         match content {
             Content::Muscles(scene) => self.here(scene),
@@ -151,8 +240,42 @@ impl Settled for SettledMuscles {
         }
     }
 
+    fn again(
+        &self,
+        content: &Content,
+        progress: &dyn Progress,
+    ) -> Result<Option<Self>, SensitivityError> {
+        let Content::Muscles(scene) = content else {
+            return Ok(None);
+        };
+        let frame = self.run.frame();
+        let (mut run, assets) = resting(scene, Some((&self.scene, &self.assets)))?;
+        let count = |run: &Simulation| run.bodies.iter().map(Body::count).collect::<Vec<_>>();
+        if count(&run) != count(&self.run) {
+            return Ok(None);
+        }
+        let poses: Vec<_> = (0..run.bones.len())
+            .map(|bone| run.pose(bone, frame as f64))
+            .collect();
+        run.continue_from(&self.run);
+        // The same frame again, among bones that stand still.
+        run.stand_still(frame, &poses);
+        progress.begin("equilibrium");
+        Self::at_end((scene, assets), run, progress).map(Some)
+    }
+
+    fn shift(&mut self, motions: &[Vec<Vector3<f64>>]) {
+        for (part, motion) in self.parts.iter().zip(motions) {
+            for (b, range) in &part.bodies {
+                let particles = &mut self.run.bodies[*b].system.particles;
+                let each = particles.position.iter_mut().zip(&motion[range.clone()]);
+                each.for_each(|(x, by)| *x += by);
+            }
+        }
+    }
+
     fn own(&self) -> Result<Vec<Balanced>, SensitivityError> {
-        let found = self.here(&self.run.scene)?;
+        let found = self.here(&self.scene)?;
         found.ok_or_else(|| SensitivityError::Failed("the scene has changed".to_owned()))
     }
 
@@ -204,7 +327,7 @@ impl Settled for SettledMuscles {
         all
     }
 
-    fn bodies(&self) -> Vec<(String, usize, Range<usize>, Vec<[u32; 3]>)> {
+    fn bodies(&self) -> Vec<BodyPart> {
         let mut all = Vec::new();
         for (k, part) in self.parts.iter().enumerate() {
             for (b, range) in &part.bodies {

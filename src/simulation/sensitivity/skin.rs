@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use super::{Balanced, SensitivityError, Settled};
+use nalgebra::Vector3;
+
+use super::{Balanced, BodyPart, SensitivityError, Settled};
 use crate::mesh::measures::max_or_nan;
 use crate::mesh::measures::volume;
 use crate::progress::Progress;
@@ -10,16 +12,45 @@ use crate::scene::Content;
 use crate::scene::content::{FillCourse, Support};
 use crate::simulation::scenario::Stepped;
 use crate::simulation::skin::{SkinPart, SkinRun};
-use crate::skin::Areas;
 use crate::skin::response::Pressing;
+use crate::skin::{Areas, Inserted};
 use crate::solvers::Response;
 
 /// A run of skin up to a frame.
 pub(super) struct SettledSkin(SkinRun);
 
 impl SettledSkin {
+    /// A run up to a frame.
+    fn at_end(
+        mut run: SkinRun,
+        frame: usize,
+        progress: &dyn Progress,
+    ) -> Result<Self, SensitivityError> {
+        while run.frame() < frame {
+            match run.step(progress) {
+                Stepped::Done => {}
+                Stepped::Interrupted => return Err(SensitivityError::Interrupted),
+                Stepped::Failed(reason) => return Err(SensitivityError::Failed(reason)),
+            }
+        }
+        if !run.converged() {
+            let message = format!("the skin is not at equilibrium in frame {frame}");
+            return Err(SensitivityError::Failed(message));
+        }
+        run.parts.retain(|part| part.now.is_some());
+        Ok(Self(run))
+    }
+
     fn failed(error: crate::skin::SkinError) -> SensitivityError {
         SensitivityError::Failed(format!("{error}; {}", error.help()))
+    }
+
+    /// What presses from below a part; with a target area, the volume that was found.
+    fn pressing(&self, part: &SkinPart, done: &Inserted) -> Pressing {
+        match &self.0.scene.under {
+            Support::Ball(_) => pressing(&self.0, part, self.0.frame()),
+            Support::Implants(_) => Pressing::Implants(done.volumes()),
+        }
     }
 
     /// True where the volume follows from an area.
@@ -50,33 +81,21 @@ impl Settled for SettledSkin {
         let Content::Skin(scene) = content else {
             return Err(SensitivityError::NotSupported(content.kind()));
         };
-        let mut run = SkinRun::new_with((**scene).clone(), progress)?;
-        while run.frame() < frame {
-            match run.step(progress) {
-                Stepped::Done => {}
-                Stepped::Interrupted => return Err(SensitivityError::Interrupted),
-                Stepped::Failed(reason) => return Err(SensitivityError::Failed(reason)),
-            }
-        }
-        if !run.converged() {
-            let message = format!("the skin is not at equilibrium in frame {frame}");
-            return Err(SensitivityError::Failed(message));
-        }
-        run.parts.retain(|part| part.now.is_some());
-        Ok(Self(run))
+        let run = SkinRun::new_with((**scene).clone(), progress)?;
+        Self::at_end(run, frame, progress)
     }
 
     fn responses(&self) -> Result<Vec<Response>, SensitivityError> {
         let each = self.0.parts.iter().filter_map(|part| {
             let done = part.now.as_ref()?;
-            let pressing = match &self.0.scene.under {
-                Support::Ball(_) => pressing(&self.0, part, self.0.frame()),
-                // With a target area, the volume that was found.
-                Support::Implants(_) => Pressing::Implants(done.volumes()),
-            };
-            Some(part.ready.response(&pressing, done))
+            Some(part.ready.response(&self.pressing(part, done), done))
         });
         each.collect::<Result<_, _>>().map_err(Self::failed)
+    }
+
+    fn left(&self) -> f64 {
+        let done = self.0.parts.iter().filter_map(|part| part.now.as_ref());
+        max_or_nan(done.map(|done| done.progress.residual))
     }
 
     fn similar(&self, content: &Content) -> Result<Option<Vec<Balanced>>, SensitivityError> {
@@ -104,14 +123,46 @@ impl Settled for SettledSkin {
         Ok(Some(parts))
     }
 
+    fn again(
+        &self,
+        content: &Content,
+        progress: &dyn Progress,
+    ) -> Result<Option<Self>, SensitivityError> {
+        let Content::Skin(scene) = content else {
+            return Ok(None);
+        };
+        let mut run = SkinRun::new_with((**scene).clone(), progress)?;
+        let count = |part: &SkinPart| (part.ready.layers.rest.len(), part.members.len());
+        if !run
+            .parts
+            .iter()
+            .map(count)
+            .eq(self.0.parts.iter().map(count))
+        {
+            return Ok(None);
+        }
+        let frame = self.0.frame();
+        run.begin_after(frame - 1, self.0.parts.iter().map(|part| part.now.clone()));
+        Self::at_end(run, frame, progress).map(Some)
+    }
+
+    fn shift(&mut self, motions: &[Vec<Vector3<f64>>]) {
+        for (part, motion) in self.0.parts.iter_mut().zip(motions) {
+            if let Some(now) = &mut part.now {
+                let each = now.x.iter_mut().zip(motion);
+                each.for_each(|(x, by)| *x += by);
+            }
+        }
+    }
+
     fn own(&self) -> Result<Vec<Balanced>, SensitivityError> {
         let mut parts = Vec::new();
         for part in &self.0.parts {
-            if let Some(done) = &part.now {
-                parts.push(Balanced {
-                    energy: crate::solvers::Energy::default(),
-                    x: done.x.clone(),
-                });
+            let Some(done) = &part.now else { continue };
+            let pressing = self.pressing(part, done);
+            let found = part.ready.energy_where(&pressing, (&part.ready, done));
+            if let Some((energy, x)) = found.map_err(Self::failed)? {
+                parts.push(Balanced { energy, x });
             }
         }
         Ok(parts)
@@ -151,7 +202,7 @@ impl Settled for SettledSkin {
             .collect()
     }
 
-    fn bodies(&self) -> Vec<(String, usize, Range<usize>, Vec<[u32; 3]>)> {
+    fn bodies(&self) -> Vec<BodyPart> {
         let each = self.0.parts.iter().enumerate();
         let of = |(k, part): (usize, &SkinPart)| {
             let layers = &part.ready.layers;
