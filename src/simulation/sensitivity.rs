@@ -288,6 +288,12 @@ fn found<S: Settled>(
             _ => settled.similar(&end?),
         };
         let [above, below] = ends.map(similar);
+        // A mesh changes by whole triangles: its derivative would be zero.
+        let is_other = match at(parameter.value + parameter.half) {
+            Ok(upper) => matches!(similar(Ok(upper)), Ok(None)),
+            Err(_) => false,
+        };
+        let above = if is_other { Ok(None) } else { above };
         let (slopes, by_runs) = match (above, below) {
             (Ok(Some(above)), Ok(Some(below))) => {
                 let ends = [above, below];
@@ -301,6 +307,7 @@ fn found<S: Settled>(
                 (slopes, false)
             }
             (Ok(_), Ok(_))
+            | (Ok(None), _)
             | (Err(SensitivityError::Scene(_)), _)
             | (_, Err(SensitivityError::Scene(_))) => {
                 let slopes = by_runs::<S>(&at, parameter, frame, progress)?;

@@ -22,6 +22,7 @@ mod errata;
 mod fascia;
 mod fibres;
 mod filled;
+mod intervals;
 #[path = "../io.rs"]
 mod io;
 mod lanes;

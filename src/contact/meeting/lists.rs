@@ -514,7 +514,7 @@ impl Meeting {
         self.wake_up();
     }
 
-    /// The pairs of soft surfaces whose gap at the start of the step is at most `touching` [m] above
+    /// The pairs of surfaces whose gap at the start of the step is at most `touching` [m] above
     /// the distance that they keep, as constraints on the numbers of soft vertices, in the order of
     /// their parts.
     pub fn planes(&mut self, touching: f64) -> Vec<ContactPlane> {
@@ -524,13 +524,10 @@ impl Meeting {
         self.awake = self.buckets.len();
         let soft = self.soft_count as u32;
         let mut found = self.look(|bucket, moved, [start, _], found| {
-            if bucket.against == Against::Bone {
-                return;
-            }
             bucket.nearer((touching, true), moved, start, |pair, known| {
                 let reach = pair.distance + touching;
-                let is_soft = pair.corners.iter().all(|v| *v < soft);
-                if !is_soft || !(pair.distance > 0.0) || !(known <= reach) {
+                // Vertices of a muscle near a bone have planes of their own.
+                if !(pair.distance > 0.0) || !(known <= reach) {
                     return known;
                 }
                 let gap = gap(pair.parts, &pair.of(start)).filter(|gap| gap.height <= reach);
@@ -544,11 +541,29 @@ impl Meeting {
         });
         self.wake_up();
         found.sort_unstable_by_key(|(key, ..)| *key);
-        let plane = |((_, corners), gap, distance): ((Parts, [u32; 4]), Gap, f64)| ContactPlane {
-            terms: std::array::from_fn(|k| (corners[k], gap.weights[k])),
-            normal: gap.normal,
-            origin: self.start[corners[0] as usize],
-            distance,
+        let plane = |((_, corners), gap, distance): ((Parts, [u32; 4]), Gap, f64)| {
+            let is_soft = corners.map(|v| v < soft);
+            // Bones stand still: the place on one is the origin.
+            let (mut on_bone, mut share) = (Vector3::zeros(), 0.0);
+            for k in (0..4).filter(|&k| !is_soft[k]) {
+                on_bone += self.start[corners[k] as usize].coords * gap.weights[k];
+                share += gap.weights[k];
+            }
+            let any = corners[is_soft.iter().position(|soft| *soft).unwrap_or(0)];
+            let origin = match is_soft.contains(&false) {
+                true => Point3::from(on_bone / share),
+                false => self.start[any as usize],
+            };
+            let term = |k: usize| match is_soft[k] {
+                true => (corners[k], gap.weights[k]),
+                false => (any, 0.0),
+            };
+            ContactPlane {
+                terms: std::array::from_fn(term),
+                normal: gap.normal,
+                origin,
+                distance,
+            }
         };
         found.into_iter().map(plane).collect()
     }

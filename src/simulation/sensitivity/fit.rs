@@ -31,6 +31,10 @@ const STILL: f64 = 1e-7;
 /// A decrease of the misfit below this, relative to it, ends the fit.
 const FLAT: f64 = 1e-10;
 
+/// Where no step helps, a fit has converged if the step promised less than this decrease of the misfit: a
+/// tenth of a standard deviation.
+const CLOSE: f64 = 0.01;
+
 /// Greatest step of a logarithm in a round.
 const LONGEST: f64 = 1.0;
 
@@ -273,7 +277,7 @@ impl<S: Settled> Search<'_, S> {
             }
             let Some((next, there, answers)) = better else {
                 // No step lessens what is left: it is as good as the equilibrium is known.
-                fitted.converged = longest <= STILL.sqrt();
+                fitted.converged = right.dot(&step) <= CLOSE;
                 break;
             };
             (now, left, responses) = (next, there, answers);

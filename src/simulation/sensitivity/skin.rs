@@ -1,7 +1,5 @@
 //! Skin at the equilibrium of a frame.
 
-use std::ops::Range;
-
 use nalgebra::Vector3;
 
 use super::{Balanced, BodyPart, SensitivityError, Settled};
