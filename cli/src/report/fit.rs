@@ -204,6 +204,12 @@ pub fn output<'a>(
              pressure (--measured), or give the scene gravity",
         );
     }
+    let note = (!found.bodies.is_empty()).then(|| {
+        format!(
+            "noise of each coordinate: {} mm; points beside each other share their errors, so that real intervals are wider",
+            number(found.noise * 1e3)
+        )
+    });
     let tables = [
         Some(values(found)),
         Some(combinations(found)),
@@ -220,10 +226,7 @@ pub fn output<'a>(
                 .else_do("begin nearer: give values with intervals around what is likely"),
             tells,
         ],
-        notes: vec![format!(
-            "noise of each coordinate: {} mm; points beside each other share their errors, so that real intervals are wider",
-            number(found.noise * 1e3)
-        )],
+        notes: note.into_iter().collect(),
         title: format!("{name}: values from a measurement"),
         subtitle: format!("equilibrium of frame {frame}, {} rounds", found.rounds.len()),
         tables_of_text: tables.len(),

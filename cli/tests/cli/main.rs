@@ -9,6 +9,7 @@ mod fibres;
 mod folder;
 mod implant;
 mod init;
+mod intervals;
 mod moment_arms;
 mod morph;
 #[cfg(unix)]

@@ -31,6 +31,10 @@ const STILL: f64 = 1e-7;
 /// A decrease of the misfit below this, relative to it, ends the fit.
 const FLAT: f64 = 1e-10;
 
+/// A step that promises less than this decrease of the misfit, a ten-thousandth of a standard deviation, ends
+/// the fit.
+const DONE: f64 = 1e-8;
+
 /// Where no step helps, a fit has converged if the step promised less than this decrease of the misfit: a
 /// tenth of a standard deviation.
 const CLOSE: f64 = 0.01;
@@ -254,6 +258,10 @@ impl<S: Settled> Search<'_, S> {
             }
             let (matrix, right) = self.normal(&left, noise, &now);
             let step = solved(&matrix, &right);
+            if right.dot(&step) <= DONE {
+                fitted.converged = true;
+                break;
+            }
             let longest = step.amax();
             let mut share = if longest > LONGEST {
                 LONGEST / longest

@@ -336,7 +336,8 @@ const PREFACE: &str = "# Keys of a scene
 
 `pliant scenes explain --page` writes this page. `pliant scenes explain KEY` shows a key, or a section with what is below it.
 
-Quantities are texts with their unit, such as `\"0.5 mm\"`. Numbers without a dimension are plain. A file is relative to the
+Quantities are texts with their unit, such as `\"0.5 mm\"`, and can have an interval: `\"2 mm +- 10 %\"`
+([intervals.md](intervals.md)). Numbers without a dimension are plain. A file is relative to the
 folder of the scene, or has an absolute path or one that begins with a variable. \"Optional\" says what may be left out, and brackets
 at the end of a meaning are the value then. `[[name]]` begins an element of a list; it has the keys `name.KEY`.
 ";

@@ -1,0 +1,153 @@
+//! `pliant sensitivities` and `pliant fit`: results, what a shape cannot tell, and wrong input.
+
+use super::check::code;
+use super::schema::assert_valid;
+use super::{Scratch, run, text};
+use serde_json::Value;
+
+fn summary(arguments: &[&str]) -> (Option<i32>, Value) {
+    let done = run(arguments);
+    let summary = serde_json::from_slice(&done.stdout);
+    let summary: Value = summary.unwrap_or_else(|_| panic!("{}", text(&done.stderr)));
+    assert_valid(&summary);
+    (code(&done), summary)
+}
+
+#[test]
+fn an_implant_has_intervals_and_a_pressure_tells_its_modulus() {
+    let out = Scratch::folder();
+    let folder = out.join("intervals").display().to_string();
+    let modulus = "skin.modulus=200 kPa +- 30 %";
+    let (code, found) = summary(&[
+        "sensitivities",
+        "flat-implant",
+        "--json",
+        "--runs",
+        "never",
+        "--set",
+        modulus,
+        "--out",
+        &folder,
+    ]);
+    assert_eq!(code, Some(0), "{found:#}");
+    let measures = found["sensitivities"]["measures"]
+        .as_array()
+        .expect("measures");
+    let of = |name: &str| {
+        measures
+            .iter()
+            .find(|m| m["name"] == name)
+            .expect("a measure")
+    };
+    let gain = of("area_gain_m2");
+    assert!(gain["half"].as_f64() > Some(0.0) && gain["elasticities"][0].as_f64() < Some(0.0));
+    for file in ["report.html", "sensitivities.csv", "summary.json"] {
+        assert!(out.join("intervals").join(file).is_file(), "{file}");
+    }
+    // With half as much again of the modulus the pressure is about a third higher.
+    let pressure = of("pressure_pa")["value"].as_f64().expect("a number");
+    let measured = format!("pressure_pa={} +- 20 Pa", 1.1 * pressure);
+    let folder = out.join("fit").display().to_string();
+    let wide = "skin.modulus=200 kPa +- 90 %";
+    let (code, fitted) = summary(&[
+        "fit",
+        "flat-implant",
+        "--json",
+        "--measured",
+        &measured,
+        "--set",
+        wide,
+        "--out",
+        &folder,
+    ]);
+    assert_eq!(code, Some(0), "{fitted:#}");
+    let value = fitted["fit"]["values"][0]["value"]
+        .as_f64()
+        .expect("a number");
+    assert!(value > 2.1e5 && value < 2.5e5, "{value}");
+}
+
+#[test]
+fn wrong_input_is_refused() {
+    let modulus = "skin.modulus=200 kPa +- 30 %";
+    for (arguments, message) in [
+        (
+            &["sensitivities", "flat-implant"][..],
+            "no value of the scene has an interval",
+        ),
+        (
+            &[
+                "sensitivities",
+                "flat-implant",
+                "--set",
+                "skin.modulus=200 kPa +- 0 %",
+            ],
+            "has no interval that is greater than zero",
+        ),
+        (
+            &[
+                "sensitivities",
+                "flat-implant",
+                "--set",
+                "skin.modulus=200 kPa +- 5 mm",
+            ],
+            "`mm` is a unit of length, not of pressure",
+        ),
+        (
+            &[
+                "sensitivities",
+                "flat-implant",
+                "--at",
+                "9",
+                "--set",
+                modulus,
+            ],
+            "--at 9 is after the last frame",
+        ),
+        (
+            &["sensitivities", "biceps", "--set", "name=x"],
+            "no value of the scene has an interval",
+        ),
+        (&["fit", "flat-implant", "--set", modulus], "--target"),
+        (
+            &[
+                "fit",
+                "flat-implant",
+                "--set",
+                modulus,
+                "--measured",
+                "pressure_pa=6 kPa",
+            ],
+            "it has no interval",
+        ),
+        (
+            &[
+                "fit",
+                "flat-implant",
+                "--set",
+                modulus,
+                "--measured",
+                "weight_n=6 +- 1 N",
+            ],
+            "no measure `weight_n`; known: area_deformed_m2",
+        ),
+        (
+            &[
+                "fit",
+                "flat-implant",
+                "--set",
+                modulus,
+                "--target",
+                "no-such.stl",
+            ],
+            "no-such.stl",
+        ),
+    ] {
+        let out = Scratch::folder();
+        let folder = out.join("out").display().to_string();
+        let done = run(&[arguments, &["--out", &folder]].concat());
+        let said = text(&done.stderr);
+        assert_eq!(code(&done), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(message), "{arguments:?}: {said}");
+    }
+}
