@@ -1,7 +1,7 @@
 //! The intervals of a result that follow from the intervals of a scene's values.
 //!
 //! Each value with an interval moves the equilibrium of a frame, at first order by the derivative of
-//! [`Response`]. The change of its equations by a value is a difference of the scene with the value
+//! [`Tangent`]. The change of its equations by a value is a difference of the scene with the value
 //! above and below: any value of a scene is a parameter, whether it is a stiffness, a thickness, a
 //! volume or a load. Where another value makes other vertices, as the base of an implant does, two whole
 //! runs at the ends of the interval tell the change.
@@ -29,7 +29,7 @@ use super::LoadError;
 use crate::mesh::TriangleMesh;
 use crate::progress::Progress;
 use crate::scene::{Content, SceneError, Uncertain, Variables};
-use crate::solvers::{Energy, FactorError, Response};
+use crate::solvers::{Energy, FactorError, Tangent};
 
 /// Step of a difference, relative to half of the interval.
 const STEP: f64 = 1e-3;
@@ -188,7 +188,7 @@ trait Settled: Sized {
     ) -> Result<Self, SensitivityError>;
 
     /// How each of its parts answers.
-    fn responses(&self) -> Result<Vec<Response>, SensitivityError>;
+    fn tangents(&self) -> Result<Vec<Tangent>, SensitivityError>;
 
     /// Residual of its equilibrium, relative to the force of unit strain.
     fn left(&self) -> f64;
@@ -253,8 +253,8 @@ fn found<S: Settled>(
     progress: &dyn Progress,
 ) -> Result<Sensitivities, SensitivityError> {
     let settled = S::settle(content, frame, progress)?;
-    let mut responses = settled.responses()?;
-    let pressures: Vec<Vec<f64>> = responses.iter().map(|r| r.pressures.clone()).collect();
+    let mut tangents = settled.tangents()?;
+    let pressures: Vec<Vec<f64>> = tangents.iter().map(|r| r.pressures.clone()).collect();
     let bodies = settled.bodies();
     let mut squares: Vec<Vec<f64>> = bodies.iter().map(|b| vec![0.0; b.2.len()]).collect();
     let parts = settled.own()?;
@@ -298,7 +298,7 @@ fn found<S: Settled>(
             (Ok(Some(above)), Ok(Some(below))) => {
                 let ends = [above, below];
                 let (slopes, motions) =
-                    slopes(&settled, &mut responses, ends, step, &mut all.residual);
+                    slopes(&settled, &mut tangents, ends, step, &mut all.residual);
                 for ((_, part, range, _), squares) in bodies.iter().zip(&mut squares) {
                     let moved = motions[*part][range.clone()].iter();
                     let each = squares.iter_mut().zip(moved);
@@ -347,7 +347,7 @@ fn found<S: Settled>(
 /// value above and below by `step`.
 fn slopes<S: Settled>(
     settled: &S,
-    responses: &mut [Response],
+    tangents: &mut [Tangent],
     ends: [Vec<Balanced>; 2],
     step: f64,
     residual: &mut f64,
@@ -355,10 +355,10 @@ fn slopes<S: Settled>(
     let [mut above, mut below] = ends;
     let mut motions = Vec::new();
     let (mut higher, mut lower) = (Vec::new(), Vec::new());
-    for ((response, above), below) in responses.iter_mut().zip(&mut above).zip(&mut below) {
-        let more = response.balance(&above.energy, &above.x);
-        let less = response.balance(&below.energy, &below.x);
-        let mut motion = response.motion(&more.change_from(&less, 2.0 * step));
+    for ((tangent, above), below) in tangents.iter_mut().zip(&mut above).zip(&mut below) {
+        let more = tangent.balance(&above.energy, &above.x);
+        let less = tangent.balance(&below.energy, &below.x);
+        let mut motion = tangent.shift(&more.change_from(&less, 2.0 * step));
         // Not `f64::max`, which would hide a NaN.
         if !(motion.residual <= *residual) {
             *residual = motion.residual;
@@ -375,7 +375,7 @@ fn slopes<S: Settled>(
             *motion += fixed;
         }
         let at = |sign: f64| {
-            let each = response.pressures.iter().zip(&motion.pressures);
+            let each = tangent.pressures.iter().zip(&motion.pressures);
             each.map(|(p, by)| p + sign * step * by).collect()
         };
         higher.push(at(1.0));
@@ -422,41 +422,41 @@ fn run<S: Settled>(
     progress: &dyn Progress,
 ) -> Result<Vec<f64>, SensitivityError> {
     let settled = S::settle(content, frame, progress)?;
-    let responses = settled.responses()?;
-    let pressures: Vec<_> = responses.into_iter().map(|r| r.pressures).collect();
+    let tangents = settled.tangents()?;
+    let pressures: Vec<_> = tangents.into_iter().map(|r| r.pressures).collect();
     let measures = settled.measures(&settled.own()?, &pressures);
     Ok(measures.into_iter().map(|(.., value)| value).collect())
 }
 
 /// Steps of Newton's method towards the equilibrium, as long as less force is left; what touches stays.
 /// Returns how each part answers there.
-fn polish<S: Settled>(settled: &mut S) -> Result<Vec<Response>, SensitivityError> {
-    let mut responses = settled.responses()?;
-    let mut left = forces(settled, &responses)?;
+fn polish<S: Settled>(settled: &mut S) -> Result<Vec<Tangent>, SensitivityError> {
+    let mut tangents = settled.tangents()?;
+    let mut left = forces(settled, &tangents)?;
     for _ in 0..POLISHES {
         let own = settled.own()?;
-        let parts = responses.iter_mut().zip(&own);
+        let parts = tangents.iter_mut().zip(&own);
         let steps: Vec<Vec<Vector3<f64>>> = parts
-            .map(|(response, part)| response.motion(&response.balance(&part.energy, &part.x)).x)
+            .map(|(tangent, part)| tangent.shift(&tangent.balance(&part.energy, &part.x)).x)
             .collect();
         settled.shift(&steps);
-        let next = settled.responses()?;
+        let next = settled.tangents()?;
         let now = forces(settled, &next)?;
         if !(now < left) {
             let back = |step: &Vec<Vector3<f64>>| step.iter().map(|x| -x).collect();
             settled.shift(&steps.iter().map(back).collect::<Vec<_>>());
             break;
         }
-        (responses, left) = (next, now);
+        (tangents, left) = (next, now);
     }
-    Ok(responses)
+    Ok(tangents)
 }
 
 /// Sum over all parts of the squared force that is left on vertices [N^2], without what contact bears.
-fn forces<S: Settled>(settled: &S, responses: &[Response]) -> Result<f64, SensitivityError> {
+fn forces<S: Settled>(settled: &S, tangents: &[Tangent]) -> Result<f64, SensitivityError> {
     let own = settled.own()?;
-    let each = responses.iter().zip(&own);
-    let left = each.map(|(response, part)| response.unbalanced(&part.energy, &part.x));
+    let each = tangents.iter().zip(&own);
+    let left = each.map(|(tangent, part)| tangent.unbalanced(&part.energy, &part.x));
     Ok(left.sum())
 }
 

@@ -25,10 +25,10 @@ pub(crate) mod press;
 pub(crate) mod quasi_static;
 #[cfg(feature = "sparse")]
 pub(crate) mod sparse;
-#[cfg(feature = "sparse")]
-mod response;
 pub mod stiffness;
 mod step;
+#[cfg(feature = "sparse")]
+mod tangent;
 pub(crate) mod tension;
 pub(crate) mod tracking;
 #[cfg(feature = "sparse")]
@@ -44,8 +44,8 @@ pub use newton::Newton;
 #[cfg(feature = "sparse")]
 pub use quasi_static::QuasiStatic;
 #[cfg(feature = "sparse")]
-pub use response::{Balance, Motion, Response};
-#[cfg(feature = "sparse")]
 pub use sparse::FactorError;
+#[cfg(feature = "sparse")]
+pub use tangent::{Balance, Shift, Tangent};
 
 pub use step::{Broken, DIVERGENCE, Held, StepSettings, System, effect_of_name};

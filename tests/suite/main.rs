@@ -34,7 +34,6 @@ mod morph;
 mod oracles;
 mod pairs;
 mod refinement;
-mod response;
 mod scale;
 mod scene;
 mod scenes;
@@ -43,6 +42,7 @@ mod soft;
 mod solvers;
 mod springs;
 mod step_control;
+mod tangent;
 mod tolerances;
 mod tone;
 

@@ -522,7 +522,6 @@ impl Meeting {
         self.note_step();
         // Buckets that sleep can have such pairs.
         self.awake = self.buckets.len();
-        let soft = self.soft_count as u32;
         let mut found = self.look(|bucket, moved, [start, _], found| {
             bucket.nearer((touching, true), moved, start, |pair, known| {
                 let reach = pair.distance + touching;
@@ -541,31 +540,35 @@ impl Meeting {
         });
         self.wake_up();
         found.sort_unstable_by_key(|(key, ..)| *key);
-        let plane = |((_, corners), gap, distance): ((Parts, [u32; 4]), Gap, f64)| {
-            let is_soft = corners.map(|v| v < soft);
-            // Bones stand still: the place on one is the origin.
-            let (mut on_bone, mut share) = (Vector3::zeros(), 0.0);
-            for k in (0..4).filter(|&k| !is_soft[k]) {
-                on_bone += self.start[corners[k] as usize].coords * gap.weights[k];
-                share += gap.weights[k];
-            }
-            let any = corners[is_soft.iter().position(|soft| *soft).unwrap_or(0)];
-            let origin = match is_soft.contains(&false) {
-                true => Point3::from(on_bone / share),
-                false => self.start[any as usize],
-            };
-            let term = |k: usize| match is_soft[k] {
-                true => (corners[k], gap.weights[k]),
-                false => (any, 0.0),
-            };
-            ContactPlane {
-                terms: std::array::from_fn(term),
-                normal: gap.normal,
-                origin,
-                distance,
-            }
+        let found = found.into_iter();
+        found
+            .map(|((_, corners), gap, distance)| self.plane(corners, &gap, distance))
+            .collect()
+    }
+
+    /// The plane of a pair at the start of the step. Bones stand still: the place on one is its origin.
+    fn plane(&self, corners: [u32; 4], gap: &Gap, distance: f64) -> ContactPlane {
+        let is_soft = corners.map(|v| (v as usize) < self.soft_count);
+        let (mut on_bone, mut share) = (Vector3::zeros(), 0.0);
+        for k in (0..4).filter(|&k| !is_soft[k]) {
+            on_bone += self.start[corners[k] as usize].coords * gap.weights[k];
+            share += gap.weights[k];
+        }
+        let any = corners[is_soft.iter().position(|soft| *soft).unwrap_or(0)];
+        let origin = match is_soft.contains(&false) {
+            true => Point3::from(on_bone / share),
+            false => self.start[any as usize],
         };
-        found.into_iter().map(plane).collect()
+        let term = |k: usize| match is_soft[k] {
+            true => (corners[k], gap.weights[k]),
+            false => (any, 0.0),
+        };
+        ContactPlane {
+            terms: std::array::from_fn(term),
+            normal: gap.normal,
+            origin,
+            distance,
+        }
     }
 
     /// Notes the least gap at the end of a frame.

@@ -17,7 +17,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::progress::Progress;
 use crate::scene::{Content, Uncertain, Variables};
-use crate::solvers::Response;
+use crate::solvers::Tangent;
 
 /// Standard deviations in half of an interval that has a probability of 95 %.
 const HALF: f64 = 1.959_963_984_540_054;
@@ -150,6 +150,9 @@ enum Shape {
     Surface(Box<SurfaceTree>),
 }
 
+/// A displacement of the vertices of a part.
+type Field = Vec<Vector3<f64>>;
+
 /// A fit on its way.
 struct Search<'a, S> {
     content: &'a Content,
@@ -183,7 +186,7 @@ impl<S: Settled> Search<'_, S> {
         progress: &dyn Progress,
     ) -> Result<Fitted, SensitivityError> {
         let mut settled = S::settle(content, frame, progress)?;
-        let responses = polish(&mut settled)?;
+        let tangents = polish(&mut settled)?;
         let mut shapes = Vec::new();
         let bodies = settled.bodies();
         for (name, mesh) in &target.shapes {
@@ -207,22 +210,9 @@ impl<S: Settled> Search<'_, S> {
                 },
             ));
         }
-        let pressures: Vec<_> = responses.iter().map(|r| r.pressures.clone()).collect();
+        let pressures: Vec<_> = tangents.iter().map(|r| r.pressures.clone()).collect();
         let measures = settled.measures(&settled.own()?, &pressures);
-        let mut numbers = Vec::new();
-        for (body, name, ..) in &target.numbers {
-            let is = |m: &(String, &'static str, f64)| m.0 == *body && m.1 == name;
-            let found = measures.iter().position(is).ok_or_else(|| {
-                let name_of = |m: &(String, &str, f64)| match m.0.as_str() {
-                    "" => m.1.to_owned(),
-                    body => format!("{body}:{}", m.1),
-                };
-                let known: Vec<String> = measures.iter().map(name_of).collect();
-                let known = known.join(", ");
-                SensitivityError::NoTarget(format!("no measure `{name}`; known: {known}"))
-            })?;
-            numbers.push(found);
-        }
+        let numbers = placed(target, &measures)?;
         let prior = content.uncertain().iter();
         let prior = prior.map(|u| (u.value.ln(), (1.0 + u.half / u.value).ln() / HALF));
         let search = Search {
@@ -235,7 +225,7 @@ impl<S: Settled> Search<'_, S> {
             prior: prior.collect(),
             settled,
         };
-        search.found(responses)
+        search.found(tangents)
     }
 
     fn at(&self, logarithms: &[f64]) -> Result<Content, SensitivityError> {
@@ -244,10 +234,10 @@ impl<S: Settled> Search<'_, S> {
         Ok(self.content.with_values(&values, self.variables)?)
     }
 
-    fn found(mut self, mut responses: Vec<Response>) -> Result<Fitted, SensitivityError> {
+    fn found(mut self, mut tangents: Vec<Tangent>) -> Result<Fitted, SensitivityError> {
         let mut now: Vec<f64> = self.prior.iter().map(|(middle, _)| *middle).collect();
         let mut fitted = Fitted::default();
-        let mut left = self.left(&now, &mut responses)?;
+        let mut left = self.left(&now, &mut tangents)?;
         let mut noise = self.noise(&left);
         for round in 0..ROUNDS {
             let misfit = self.misfit(&left, noise, &now);
@@ -288,7 +278,7 @@ impl<S: Settled> Search<'_, S> {
                 fitted.converged = right.dot(&step) <= CLOSE;
                 break;
             };
-            (now, left, responses) = (next, there, answers);
+            (now, left, tangents) = (next, there, answers);
             let after = self.misfit(&left, noise, &now);
             noise = self.noise(&left);
             if share * longest <= STILL || misfit - after <= FLAT * misfit {
@@ -297,12 +287,12 @@ impl<S: Settled> Search<'_, S> {
                 break;
             }
         }
-        self.judge(&mut fitted, &now, &left, noise, &responses)?;
+        self.judge(&mut fitted, &now, &left, noise, &tangents)?;
         Ok(fitted)
     }
 
     /// The equilibrium at other values, near the present one; `None` where values are not allowed.
-    fn tried(&self, values: &[f64]) -> Result<Option<(S, Vec<Response>)>, SensitivityError> {
+    fn tried(&self, values: &[f64]) -> Result<Option<(S, Vec<Tangent>)>, SensitivityError> {
         let content = match self.at(values) {
             Ok(content) => content,
             Err(SensitivityError::Scene(_)) => return Ok(None),
@@ -314,15 +304,16 @@ impl<S: Settled> Search<'_, S> {
                 "with other values the scene has other vertices, and its shapes cannot be compared";
             return Err(SensitivityError::Failed(message.to_owned()));
         };
-        let responses = polish(&mut settled)?;
-        Ok(Some((settled, responses)))
+        let tangents = polish(&mut settled)?;
+        Ok(Some((settled, tangents)))
     }
 
-    /// Distances from what was measured, with their derivatives.
-    fn left(&self, now: &[f64], responses: &mut [Response]) -> Result<Left, SensitivityError> {
-        let own = self.settled.own()?;
-        let pressures: Vec<_> = responses.iter().map(|r| r.pressures.clone()).collect();
-        let measures = self.settled.measures(&own, &pressures);
+    /// The motion of each part by each logarithm, and the derivatives of the measures.
+    fn motions(
+        &self,
+        now: &[f64],
+        tangents: &mut [Tangent],
+    ) -> Result<(Vec<Vec<Field>>, Vec<Vec<f64>>), SensitivityError> {
         let (mut motions, mut measured) = (Vec::new(), Vec::new());
         let mut residual = 0.0;
         for k in 0..now.len() {
@@ -338,7 +329,7 @@ impl<S: Settled> Search<'_, S> {
                 return Err(SensitivityError::Failed(message));
             };
             let ends: [Vec<Balanced>; 2] = [above, below];
-            let (slopes, moved) = slopes(&self.settled, responses, ends, STEP, &mut residual);
+            let (slopes, moved) = slopes(&self.settled, tangents, ends, STEP, &mut residual);
             motions.push(moved);
             measured.push(slopes);
         }
@@ -346,6 +337,15 @@ impl<S: Settled> Search<'_, S> {
             let message = format!("the equilibrium has no derivative: residual {residual:.1e}");
             return Err(SensitivityError::Failed(message));
         }
+        Ok((motions, measured))
+    }
+
+    /// Distances from what was measured, with their derivatives.
+    fn left(&self, now: &[f64], tangents: &mut [Tangent]) -> Result<Left, SensitivityError> {
+        let own = self.settled.own()?;
+        let pressures: Vec<_> = tangents.iter().map(|r| r.pressures.clone()).collect();
+        let measures = self.settled.measures(&own, &pressures);
+        let (motions, measured) = self.motions(now, tangents)?;
         let bodies = self.settled.bodies();
         let (mut distances, mut rows) = (Vec::new(), Vec::new());
         for (body, shape) in &self.shapes {
@@ -382,12 +382,11 @@ impl<S: Settled> Search<'_, S> {
                 .collect()
         };
         let number_rows: Vec<Vec<f64>> = numbers.clone().map(slope).collect();
-        let matrix = |rows: &[Vec<f64>]| DMatrix::from_fn(rows.len(), now.len(), |r, c| rows[r][c]);
         Ok(Left {
             shapes: DVector::from_vec(distances),
-            shape_slopes: matrix(&rows),
+            shape_slopes: matrix(&rows, now.len()),
             numbers: DVector::from_iterator(self.numbers.len(), off),
-            number_slopes: matrix(&number_rows),
+            number_slopes: matrix(&number_rows, now.len()),
         })
     }
 
@@ -432,7 +431,7 @@ impl<S: Settled> Search<'_, S> {
         now: &[f64],
         left: &Left,
         noise: f64,
-        responses: &[Response],
+        tangents: &[Tangent],
     ) -> Result<(), SensitivityError> {
         fitted.noise = noise;
         let (matrix, _) = self.normal(left, noise, now);
@@ -491,7 +490,7 @@ impl<S: Settled> Search<'_, S> {
             };
             fitted.bodies.push((name.clone(), mesh, distances));
         }
-        let pressures: Vec<_> = responses.iter().map(|r| r.pressures.clone()).collect();
+        let pressures: Vec<_> = tangents.iter().map(|r| r.pressures.clone()).collect();
         let measures = self.settled.measures(&own, &pressures);
         for (m, (body, name, value, _)) in self.numbers.iter().zip(&self.target.numbers) {
             let found = (body.clone(), name.clone(), *value, measures[*m].2);
@@ -499,6 +498,26 @@ impl<S: Settled> Search<'_, S> {
         }
         Ok(())
     }
+}
+
+/// The places of the measured numbers among the measures.
+fn placed(
+    target: &FitTarget,
+    measures: &[(String, &'static str, f64)],
+) -> Result<Vec<usize>, SensitivityError> {
+    let name_of = |m: &(String, &str, f64)| match m.0.as_str() {
+        "" => m.1.to_owned(),
+        body => format!("{body}:{}", m.1),
+    };
+    let mut numbers = Vec::new();
+    for (body, name, ..) in &target.numbers {
+        let found = measures.iter().position(|m| m.0 == *body && m.1 == name);
+        let known: Vec<String> = measures.iter().map(name_of).collect();
+        let known = known.join(", ");
+        let unknown = SensitivityError::NoTarget(format!("no measure `{name}`; known: {known}"));
+        numbers.push(found.ok_or(unknown)?);
+    }
+    Ok(numbers)
 }
 
 impl Shape {
@@ -517,6 +536,10 @@ impl Shape {
             false => (0.0, Vector3::zeros()),
         }
     }
+}
+
+fn matrix(rows: &[Vec<f64>], columns: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), columns, |r, c| rows[r][c])
 }
 
 /// The solution of a positive semi-definite system, of least length where it is singular.

@@ -13,7 +13,7 @@ use crate::scene::{Content, Scene, SolverQuestion};
 use crate::simulation::frame::{FrameSteps, Stop};
 use crate::simulation::joint::combined;
 use crate::simulation::{Assets, Body, LoadError, Plan, Simulation, Stepped};
-use crate::solvers::Response;
+use crate::solvers::Tangent;
 use crate::solvers::descent::DescentSettings;
 use std::sync::atomic::AtomicU64;
 
@@ -217,16 +217,16 @@ impl Settled for SettledMuscles {
         Self::at_end((scene, assets), run, progress)
     }
 
-    fn responses(&self) -> Result<Vec<Response>, SensitivityError> {
-        let mut responses = Vec::new();
+    fn tangents(&self) -> Result<Vec<Tangent>, SensitivityError> {
+        let mut tangents = Vec::new();
         for (part, Balanced { energy, x }) in self.parts.iter().zip(self.own()?) {
             let mut mass = Vec::new();
             for (b, _) in &part.bodies {
                 mass.extend_from_slice(&self.run.bodies[*b].system.particles.inverse_mass);
             }
-            responses.push(Response::new(energy, &x, &mass, &part.rows).map_err(unsolved)?);
+            tangents.push(Tangent::new(energy, &x, &mass, &part.rows).map_err(unsolved)?);
         }
-        Ok(responses)
+        Ok(tangents)
     }
 
     fn left(&self) -> f64 {

@@ -10,9 +10,9 @@ use crate::scene::Content;
 use crate::scene::content::{FillCourse, Support};
 use crate::simulation::scenario::Stepped;
 use crate::simulation::skin::{SkinPart, SkinRun};
-use crate::skin::response::Pressing;
+use crate::skin::tangent::Pressing;
 use crate::skin::{Areas, Inserted};
-use crate::solvers::Response;
+use crate::solvers::Tangent;
 
 /// A run of skin up to a frame.
 pub(super) struct SettledSkin(SkinRun);
@@ -83,10 +83,10 @@ impl Settled for SettledSkin {
         Self::at_end(run, frame, progress)
     }
 
-    fn responses(&self) -> Result<Vec<Response>, SensitivityError> {
+    fn tangents(&self) -> Result<Vec<Tangent>, SensitivityError> {
         let each = self.0.parts.iter().filter_map(|part| {
             let done = part.now.as_ref()?;
-            Some(part.ready.response(&self.pressing(part, done), done))
+            Some(part.ready.tangent(&self.pressing(part, done), done))
         });
         each.collect::<Result<_, _>>().map_err(Self::failed)
     }

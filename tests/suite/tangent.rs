@@ -8,7 +8,7 @@ use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::solvers::{
-    Balance, ContactFilter, DescentSettings, Energy, Motion, Newton, NoContact, Response, stiffness,
+    Balance, ContactFilter, DescentSettings, Energy, Newton, NoContact, Shift, Tangent, stiffness,
 };
 
 use crate::equilibrium::Floor;
@@ -96,7 +96,7 @@ impl Ball {
     /// The change of the balance by a unit of a parameter, and the motion of fixed vertices.
     fn change(
         &self,
-        response: &Response,
+        tangent: &Tangent,
         k: usize,
         x: &[Point3<f64>],
     ) -> (Balance, Vec<Vector3<f64>>) {
@@ -106,7 +106,7 @@ impl Ball {
             at[k] += sign * step;
             let mut x = x.to_vec();
             self.hold(at, &mut x);
-            (response.balance(&self.energy(at), &x), x)
+            (tangent.balance(&self.energy(at), &x), x)
         };
         let ((more, above), (less, below)) = (at(1.0), at(-1.0));
         let moved = above
@@ -117,9 +117,9 @@ impl Ball {
     }
 
     /// The derivative of all positions by a parameter.
-    fn derivative(&self, response: &mut Response, k: usize, x: &[Point3<f64>]) -> Motion {
-        let (change, held) = self.change(response, k, x);
-        let mut motion = response.motion(&change);
+    fn derivative(&self, tangent: &mut Tangent, k: usize, x: &[Point3<f64>]) -> Shift {
+        let (change, held) = self.change(tangent, k, x);
+        let mut motion = tangent.shift(&change);
         let each = motion.x.iter_mut().zip(held);
         each.for_each(|(x, held)| *x += held);
         motion
@@ -162,24 +162,24 @@ fn apart(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 fn derivatives_are_those_of_equilibria_and_of_their_adjoint() {
     let ball = Ball::new();
     let x = ball.solve(AT, &ball.mesh.vertices, &mut NoContact);
-    let mut response = Response::new(ball.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
+    let mut tangent = Tangent::new(ball.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
     // A measure: the height of a part of the vertices.
     let mut slope = vec![Vector3::zeros(); x.len()];
     (0..x.len())
         .step_by(7)
         .for_each(|v| slope[v] = Vector3::new(0.2, 1.0, -0.5));
-    let adjoint = response.motion(&Balance {
+    let adjoint = tangent.shift(&Balance {
         gradient: slope.clone(),
         volumes: vec![0.0],
     });
     assert!(adjoint.residual <= T27, "{}", adjoint.residual);
     for (k, name) in NAMES.iter().enumerate() {
-        let motion = ball.derivative(&mut response, k, &x);
+        let motion = ball.derivative(&mut tangent, k, &x);
         let wanted = ball.differences(k, &x, &mut NoContact);
         let off = apart(&motion.x, &wanted) / size(&wanted);
         println!("{name}: off by {off:e}, residual {:e}", motion.residual);
         assert!(off <= T27 && motion.residual <= T27, "{name}: {off:e}");
-        let (change, held) = ball.change(&response, k, &x);
+        let (change, held) = ball.change(&tangent, k, &x);
         let along = |field: &[Vector3<f64>]| -> f64 {
             slope.iter().zip(field).map(|(s, f)| s.dot(f)).sum()
         };
@@ -200,7 +200,7 @@ fn derivatives_are_those_of_equilibria_and_of_their_adjoint() {
         has_volume: false,
         ..Ball::new()
     };
-    let mut without = Response::new(open.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
+    let mut without = Tangent::new(open.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
     let motion = open.derivative(&mut without, 3, &x);
     let wanted = ball.differences(3, &x, &mut NoContact);
     assert!(
@@ -213,9 +213,9 @@ fn derivatives_are_those_of_equilibria_and_of_their_adjoint() {
 fn the_rest_of_a_taylor_series_is_of_second_order() {
     let ball = Ball::new();
     let x = ball.solve(AT, &ball.mesh.vertices, &mut NoContact);
-    let mut response = Response::new(ball.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
+    let mut tangent = Tangent::new(ball.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
     for (k, name) in NAMES.iter().enumerate() {
-        let motion = ball.derivative(&mut response, k, &x);
+        let motion = ball.derivative(&mut tangent, k, &x);
         let rest = |share: f64| {
             let step = share * AT[k].abs();
             let mut at = AT;
@@ -238,7 +238,7 @@ fn all_stiffness_times_a_number_changes_no_shape() {
     // With a known force the shape tells more than ratios of stiffness.
     free[3] = 0.0;
     let x = ball.solve(free, &ball.mesh.vertices, &mut NoContact);
-    let mut response = Response::new(ball.energy(free), &x, &ball.inverse_mass, &[]).expect("held");
+    let mut tangent = Tangent::new(ball.energy(free), &x, &ball.inverse_mass, &[]).expect("held");
     let mut motion = |of: &[usize]| {
         let step = 1e-2;
         let at = |sign: f64| {
@@ -246,8 +246,8 @@ fn all_stiffness_times_a_number_changes_no_shape() {
             of.iter().for_each(|k| at[*k] *= 1.0 + sign * step);
             ball.energy(at)
         };
-        let [more, less] = [1.0, -1.0].map(|sign| response.balance(&at(sign), &x));
-        response.motion(&more.change_from(&less, 2.0 * step))
+        let [more, less] = [1.0, -1.0].map(|sign| tangent.balance(&at(sign), &x));
+        tangent.shift(&more.change_from(&less, 2.0 * step))
     };
     let (alone, both) = (motion(&[0]), motion(&[0, 1]));
     assert!(size(&alone.x) > 1e-3, "control: {}", size(&alone.x));
@@ -273,11 +273,11 @@ fn what_lies_on_a_floor_stays_there() {
     assert!(held.len() > 2, "control: it touches");
     let on = |held: &[ContactPlane]| {
         let energy = ball.energy(AT);
-        Response::new(energy, &x, &ball.inverse_mass, held).expect("held")
+        Tangent::new(energy, &x, &ball.inverse_mass, held).expect("held")
     };
-    let (mut response, mut free) = (on(&held), on(&[]));
+    let (mut tangent, mut free) = (on(&held), on(&[]));
     for k in [0, 2, 3] {
-        let motion = ball.derivative(&mut response, k, &x);
+        let motion = ball.derivative(&mut tangent, k, &x);
         let wanted = ball.differences(k, &x, &mut floor);
         let off = apart(&motion.x, &wanted) / size(&wanted);
         println!("{}: off by {off:e}", NAMES[k]);
@@ -291,12 +291,12 @@ fn what_lies_on_a_floor_stays_there() {
 fn random_parameters_have_the_predicted_variance() {
     let ball = Ball::new();
     let x = ball.solve(AT, &ball.mesh.vertices, &mut NoContact);
-    let mut response = Response::new(ball.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
+    let mut tangent = Tangent::new(ball.energy(AT), &x, &ball.inverse_mass, &[]).expect("held");
     let lowest = |x: &[Point3<f64>]| -> f64 { (0..x.len()).step_by(7).map(|v| x[v].y).sum() };
     let share = 0.02;
     let predicted: f64 = (0..AT.len())
         .map(|k| {
-            let motion = ball.derivative(&mut response, k, &x);
+            let motion = ball.derivative(&mut tangent, k, &x);
             let slope: f64 = (0..x.len()).step_by(7).map(|v| motion.x[v].y).sum();
             (slope * share * AT[k]).powi(2) / 3.0
         })

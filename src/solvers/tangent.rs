@@ -45,8 +45,8 @@ pub struct Balance {
 
 /// The motion of an equilibrium for a unit of a parameter.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Motion {
-    /// Motion of each vertex [m]; zero at fixed vertices.
+pub struct Shift {
+    /// Shift of each vertex [m]; zero at fixed vertices.
     pub x: Vec<Vector3<f64>>,
     /// Change of the pressure in each volume [Pa].
     pub pressures: Vec<f64>,
@@ -54,11 +54,11 @@ pub struct Motion {
     pub residual: f64,
 }
 
-/// An equilibrium that can be asked how it moves.
+/// The tangent of an equilibrium: how it moves with a parameter.
 ///
 /// ```
 /// use nalgebra::{Point3, Vector3};
-/// use pliant::solvers::Response;
+/// use pliant::solvers::Tangent;
 /// use pliant::{Distance, Energy, Quadratic};
 ///
 /// // A spring of k = 100 N/m and 1 m hangs from a held point, carries 10 N and is 1.1 m long.
@@ -68,14 +68,14 @@ pub struct Motion {
 ///     forces: vec![Vector3::zeros(), Vector3::new(0.0, 0.0, -10.0)],
 ///     ..Energy::default()
 /// };
-/// let mut response = Response::new(with(100.0), &x, &[0.0, 1.0], &[])?;
-/// let [more, less] = [101.0, 99.0].map(|k| response.balance(&with(k), &x));
-/// let moved = response.motion(&more.change_from(&less, 2.0));
+/// let mut tangent = Tangent::new(with(100.0), &x, &[0.0, 1.0], &[])?;
+/// let [more, less] = [101.0, 99.0].map(|k| tangent.balance(&with(k), &x));
+/// let moved = tangent.shift(&more.change_from(&less, 2.0));
 /// // It is 1 + 10 N / k long.
 /// assert!((moved.x[1].z - 10.0 / 100.0_f64.powi(2)).abs() <= 1e-12);
 /// # Ok::<(), pliant::solvers::FactorError>(())
 /// ```
-pub struct Response {
+pub struct Tangent {
     newton: Newton,
     x: Vec<Point3<f64>>,
     areas: Vec<Field>,
@@ -99,13 +99,13 @@ impl Balance {
     }
 
     /// The dot product with a motion: the change of a measure whose adjoint the motion is.
-    pub fn dot(&self, motion: &Motion) -> f64 {
+    pub fn dot(&self, motion: &Shift) -> f64 {
         let volumes = self.volumes.iter().zip(&motion.pressures);
         dot(&self.gradient, &motion.x) - volumes.map(|(v, p)| v * p).sum::<f64>()
     }
 }
 
-impl Response {
+impl Tangent {
     /// Factorises the second derivative of the equilibrium of `energy` at `x` [m]. Vertices without
     /// inverse mass are fixed; the rows of `held` that forces press against stay at their heights.
     ///
@@ -173,7 +173,7 @@ impl Response {
     /// is the motion for its derivative by the positions as the gradient; the negative
     /// [`Balance::dot`] of it with the change of a balance is the change of the measure.
     #[must_use]
-    pub fn motion(&mut self, change: &Balance) -> Motion {
+    pub fn shift(&mut self, change: &Balance) -> Shift {
         let mut left: Field = change.gradient.iter().map(|g| -g).collect();
         self.newton.problem.unknowns.release_held(&mut left);
         let volumes: Vec<f64> = change.volumes.iter().map(|v| -v).collect();
@@ -214,7 +214,7 @@ impl Response {
             true => dot(&residual, &residual).sqrt() / scale,
             false => 0.0,
         };
-        Motion {
+        Shift {
             x,
             pressures,
             residual,

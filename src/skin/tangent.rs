@@ -6,7 +6,7 @@ use super::SkinError;
 use super::ball::Ball;
 use super::plan::{Inserted, PreparedPatch};
 use super::settle::SkinSystem;
-use crate::solvers::{Energy, Response};
+use crate::solvers::{Energy, Tangent};
 
 /// What presses from below.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,11 +28,11 @@ impl PreparedPatch {
     /// The answer of the equilibrium `done`.
     ///
     /// # Errors
-    /// As of [`Response::new`].
-    pub fn response(&self, pressing: &Pressing, done: &Inserted) -> Result<Response, SkinError> {
+    /// As of [`Tangent::new`].
+    pub fn tangent(&self, pressing: &Pressing, done: &Inserted) -> Result<Tangent, SkinError> {
         let system = self.system(pressing)?;
         let energy = system.energy_at(&done.lifts, &done.x);
-        Response::new(energy, &done.x, &system.inverse_mass(), &[])
+        Tangent::new(energy, &done.x, &system.inverse_mass(), &[])
             .map_err(|error| SkinError::Solver(error.to_string()))
     }
 
