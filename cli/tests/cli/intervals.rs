@@ -105,7 +105,7 @@ fn wrong_input_is_refused() {
             "--at 9 is after the last frame",
         ),
         (
-            &["sensitivities", "biceps", "--set", "name=x"],
+            &["sensitivities", "lattice", "--set", "name=x"],
             "no value of the scene has an interval",
         ),
         (&["fit", "flat-implant", "--set", modulus], "--target"),
