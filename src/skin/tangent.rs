@@ -17,6 +17,9 @@ pub enum Pressing {
     Ball(Ball),
 }
 
+/// An energy, and the positions [m] of its vertices.
+pub type EnergyAt = (Energy, Vec<Point3<f64>>);
+
 impl PreparedPatch {
     fn system(&self, pressing: &Pressing) -> Result<SkinSystem, SkinError> {
         match pressing {
@@ -45,7 +48,7 @@ impl PreparedPatch {
         &self,
         pressing: &Pressing,
         (other, done): (&Self, &Inserted),
-    ) -> Result<Option<(Energy, Vec<Point3<f64>>)>, SkinError> {
+    ) -> Result<Option<EnergyAt>, SkinError> {
         let system = self.system(pressing)?;
         let (own, n) = (&self.layers, self.layers.count());
         let is_same = system.count() == done.x.len()

@@ -141,12 +141,11 @@ impl Ball {
         // Two steps: the error of the second order goes.
         let (above, below) = (at(1.0), at(-1.0));
         let (farther, nearer) = (at(2.0), at(-2.0));
-        let each = above.iter().zip(&below).zip(farther.iter().zip(&nearer));
-        let of =
-            |((a, b), (c, d)): ((&Point3<f64>, &Point3<f64>), (&Point3<f64>, &Point3<f64>))| {
-                ((a - b) * 8.0 - (c - d)) / (12.0 * step)
-            };
-        each.map(of).collect()
+        let of = |v: usize| {
+            let (one, two) = (above[v] - below[v], farther[v] - nearer[v]);
+            (one * 8.0 - two) / (12.0 * step)
+        };
+        (0..x.len()).map(of).collect()
     }
 }
 

@@ -153,6 +153,9 @@ enum Shape {
 /// A displacement of the vertices of a part.
 type Field = Vec<Vector3<f64>>;
 
+/// For each logarithm the displacement of each part, and the derivative of each measure.
+type Motions = (Vec<Vec<Field>>, Vec<Vec<f64>>);
+
 /// A fit on its way.
 struct Search<'a, S> {
     content: &'a Content,
@@ -309,11 +312,7 @@ impl<S: Settled> Search<'_, S> {
     }
 
     /// The motion of each part by each logarithm, and the derivatives of the measures.
-    fn motions(
-        &self,
-        now: &[f64],
-        tangents: &mut [Tangent],
-    ) -> Result<(Vec<Vec<Field>>, Vec<Vec<f64>>), SensitivityError> {
+    fn motions(&self, now: &[f64], tangents: &mut [Tangent]) -> Result<Motions, SensitivityError> {
         let (mut motions, mut measured) = (Vec::new(), Vec::new());
         let mut residual = 0.0;
         for k in 0..now.len() {
