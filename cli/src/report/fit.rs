@@ -12,6 +12,11 @@ use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::{Combination, Fitted};
 use pliant_render::PictureError;
 
+/// A shape is fitted if its distance is below this share of the body, and what is left below this multiple
+/// of the noise.
+const FITS: f64 = 0.02;
+const ABOVE: f64 = 2.0;
+
 /// Exponents below this share of the greatest one are not shown.
 const SHOWN: f64 = 0.05;
 
@@ -193,6 +198,24 @@ pub fn output<'a>(
             vtp::write(path, &data)
         }));
     }
+    let mut fits = Vec::new();
+    for (body, mesh, distances) in &found.bodies {
+        let near = "distance from the measured shape (RMS)";
+        let limit = FITS * mesh.length();
+        fits.push(
+            Verdict::at_most(near, rms(distances), limit)
+                .in_unit("m")
+                .at(body.as_str())
+                .else_do("no value gives this shape: check --unit, and that both have the same place and pose"),
+        );
+        let left = "what is left of each coordinate, beside the noise";
+        fits.push(
+            Verdict::at_most(left, found.left, ABOVE * found.noise)
+                .in_unit("m")
+                .at(body.as_str())
+                .else_do("the model cannot have this shape: give other values intervals, or a greater --noise"),
+        );
+    }
     let unknown: Vec<String> = found.unknown().map(|c| product(found, c)).collect();
     let mut tells = Verdict::new(
         "the measurement tells every combination",
@@ -225,7 +248,10 @@ pub fn output<'a>(
             Verdict::new("the fit converged", found.converged)
                 .else_do("begin nearer: give values with intervals around what is likely"),
             tells,
-        ],
+        ]
+        .into_iter()
+        .chain(fits)
+        .collect(),
         notes: note.into_iter().collect(),
         title: format!("{name}: values from a measurement"),
         subtitle: format!("equilibrium of frame {frame}, {} rounds", found.rounds.len()),

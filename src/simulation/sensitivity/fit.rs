@@ -94,6 +94,8 @@ pub struct Fitted {
     pub converged: bool,
     /// Standard deviation of each coordinate [m], given or found.
     pub noise: f64,
+    /// What is left of each coordinate, as a standard deviation [m].
+    pub left: f64,
     /// The distance of each body from its measured shape: name, surface, distance of each vertex [m].
     pub bodies: Vec<(String, TriangleMesh, Vec<f64>)>,
     /// Measured numbers: body, name, measured, fitted.
@@ -178,6 +180,14 @@ struct Left {
     shape_slopes: DMatrix<f64>,
     numbers: DVector<f64>,
     number_slopes: DMatrix<f64>,
+}
+
+impl Left {
+    /// Standard deviation of what is left of each coordinate [m], after this number of values was fitted.
+    fn deviation(&self, values: usize) -> f64 {
+        let freedom = self.shapes.len().saturating_sub(values).max(1) as f64;
+        (self.shapes.norm_squared() / freedom).sqrt()
+    }
 }
 
 impl<S: Settled> Search<'_, S> {
@@ -391,8 +401,7 @@ impl<S: Settled> Search<'_, S> {
 
     /// The noise of coordinates [m]: as given, otherwise what is left over.
     fn noise(&self, left: &Left) -> f64 {
-        let freedom = left.shapes.len().saturating_sub(self.prior.len()).max(1) as f64;
-        let found = (left.shapes.norm_squared() / freedom).sqrt();
+        let found = left.deviation(self.prior.len());
         match self.target.noise {
             Some(noise) => noise,
             // An exact fit has no noise to divide by.
@@ -433,6 +442,7 @@ impl<S: Settled> Search<'_, S> {
         tangents: &[Tangent],
     ) -> Result<(), SensitivityError> {
         fitted.noise = noise;
+        fitted.left = left.deviation(now.len());
         let (matrix, _) = self.normal(left, noise, now);
         let covariance = matrix.clone().pseudo_inverse(0.0);
         let each = self.content.uncertain().iter().zip(now).zip(&self.prior);
