@@ -3,7 +3,7 @@
 mod geometric;
 mod lattice;
 mod muscles;
-mod skin;
+pub(super) mod skin;
 mod springs;
 pub use geometric::GeometricRun;
 

@@ -11,7 +11,7 @@ use super::SkinError;
 use super::collapse::collapse;
 use super::contact::Touching;
 pub use super::detector::deepest;
-use super::detector::{BENDS, Detector, Lifts, PENALTY};
+use super::detector::{Detector, Lifts, PENALTY};
 use super::envelope::envelope;
 use super::hinges::bending;
 use super::layers::Layers;
@@ -60,10 +60,6 @@ const EXHAUSTED: usize = 6;
 
 /// Least share of its permitted length that a round moves.
 const SHORTEST: f64 = 1.0 / 64.0;
-
-/// Radius of the surface under the skin at an equilibrium whose derivative is taken, relative to the
-/// base: about that of the implant.
-const CURVED: f64 = 0.5;
 
 /// Residual force at equilibrium, relative to the force of unit strain.
 const TOLERANCE: f64 = 1e-5;
@@ -426,7 +422,12 @@ impl SkinSystem {
     }
 
     /// The energy with contacts as found at `x`.
-    fn energy(&self, touching: &Touching, start: &[Point3<f64>], x: &[Point3<f64>]) -> Energy {
+    pub(super) fn energy(
+        &self,
+        touching: &Touching,
+        start: &[Point3<f64>],
+        x: &[Point3<f64>],
+    ) -> Energy {
         let mut energy = Energy::default();
         energy.elastic.push(Box::new(Quadratic::new(
             self.layers.springs.clone(),
@@ -500,17 +501,6 @@ impl SkinSystem {
             pressures: descent.pressures,
             lifts: descent.detector.lifts,
         })
-    }
-
-    /// The energy at an equilibrium `x` [m] whose contacts have the offsets `lifts`.
-    pub(super) fn energy_at(&self, lifts: &Lifts, x: &[Point3<f64>]) -> Energy {
-        let mut detector = Detector::new(self);
-        detector.lifts.clone_from(lifts);
-        let mut touching = detector.touching(x);
-        // Rounds take the surface for more curved than it is, so that none diverges.
-        let touches = touching.touches.iter_mut();
-        touches.for_each(|touch| touch.slide *= BENDS / CURVED);
-        self.energy(&touching, &self.rest(), x)
     }
 
     /// True if triangles of the lower layer and of implants cross each other or an obstacle, of which

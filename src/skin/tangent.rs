@@ -4,9 +4,14 @@ use nalgebra::Point3;
 
 use super::SkinError;
 use super::ball::Ball;
+use super::detector::{BENDS, Detector, Lifts};
 use super::plan::{Inserted, PreparedPatch};
 use super::settle::SkinSystem;
 use crate::solvers::{Energy, Tangent};
+
+/// Radius of the surface under the skin at an equilibrium whose derivative is taken, relative to the
+/// base: about that of the implant.
+const CURVED: f64 = 0.5;
 
 /// What presses from below.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,5 +68,18 @@ impl PreparedPatch {
             x[v] = own.rest[v];
         }
         Ok(Some((system.energy_at(&done.lifts, &x), x)))
+    }
+}
+
+impl SkinSystem {
+    /// The energy at an equilibrium `x` [m] whose contacts have the offsets `lifts`.
+    fn energy_at(&self, lifts: &Lifts, x: &[Point3<f64>]) -> Energy {
+        let mut detector = Detector::new(self);
+        detector.lifts.clone_from(lifts);
+        let mut touching = detector.touching(x);
+        // Rounds take the surface for more curved than it is, so that none diverges.
+        let touches = touching.touches.iter_mut();
+        touches.for_each(|touch| touch.slide *= BENDS / CURVED);
+        self.energy(&touching, &self.rest(), x)
     }
 }

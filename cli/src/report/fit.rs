@@ -3,11 +3,9 @@
 use serde_json::{Value, json};
 
 use super::Table;
-use super::output::{DataFile, OutputFile, Picture, RunOutput, Verdict};
-use super::sensitivities::{picture, shown};
+use super::output::{DataFile, RunOutput, Verdict};
+use super::sensitivities::{rms, shown, surfaces};
 use pliant::format::number;
-use pliant::io::file_name;
-use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::measures::max_or_nan;
 use pliant::simulation::{Combination, Fitted};
 use pliant_render::PictureError;
@@ -113,11 +111,6 @@ fn distances(found: &Fitted) -> Option<Table> {
     Some(table)
 }
 
-fn rms(values: &[f64]) -> f64 {
-    let sum: f64 = values.iter().map(|v| v * v).sum();
-    (sum / values.len().max(1) as f64).sqrt()
-}
-
 fn to_json(frame: usize, found: &Fitted) -> Value {
     let values = found.values.iter().map(|value| {
         json!({
@@ -178,26 +171,11 @@ pub fn output<'a>(
     frame: usize,
     found: &'a Fitted,
 ) -> Result<RunOutput<'a>, PictureError> {
-    let (mut pictures, mut files) = (Vec::new(), Vec::new());
-    for (body, mesh, distances) in &found.bodies {
-        let file = file_name(body);
-        let drawn = picture(body, "Distance", mesh, distances);
-        pictures.push(Picture {
-            file: format!("{file}.png"),
-            caption: format!("{body}: distance from the measured shape"),
-            bytes: drawn.to_png()?,
-            wide: false,
-        });
-        files.push(OutputFile::new(format!("{file}.vtp"), move |path| {
-            let data = PolyData {
-                points: &mesh.vertices,
-                triangles: &mesh.triangles,
-                point_data: vec![("distance_m", distances.clone())],
-                ..PolyData::default()
-            };
-            vtp::write(path, &data)
-        }));
-    }
+    let (pictures, files) = surfaces(
+        &found.bodies,
+        ("Distance", "distance from the measured shape"),
+        "distance_m",
+    )?;
     let mut fits = Vec::new();
     for (body, mesh, distances) in &found.bodies {
         let near = "distance from the measured shape (RMS)";

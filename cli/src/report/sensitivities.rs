@@ -161,7 +161,7 @@ fn to_json(found: &Sensitivities) -> Value {
     })
 }
 
-fn rms(values: &[f64]) -> f64 {
+pub(super) fn rms(values: &[f64]) -> f64 {
     let sum: f64 = values.iter().map(|v| v * v).sum();
     (sum / values.len().max(1) as f64).sqrt()
 }
@@ -223,7 +223,7 @@ fn view(mesh: &TriangleMesh) -> View {
 }
 
 /// A surface coloured by lengths [m] at its vertices.
-pub(super) fn picture(name: &str, of: &str, mesh: &TriangleMesh, lengths: &[f64]) -> Frame {
+fn picture(name: &str, of: &str, mesh: &TriangleMesh, lengths: &[f64]) -> Frame {
     let of_mm: Vec<f64> = lengths.iter().map(|length| length * 1e3).collect();
     let most = max_or_nan(of_mm.iter().copied());
     let range = (0.0, if most > 0.0 { most } else { 1.0 });
@@ -240,31 +240,45 @@ pub(super) fn picture(name: &str, of: &str, mesh: &TriangleMesh, lengths: &[f64]
     drawn
 }
 
-/// The result.
-///
-/// # Errors
-/// A picture that cannot be encoded.
-pub fn output<'a>(name: &str, found: &'a Sensitivities) -> Result<RunOutput<'a>, PictureError> {
-    let mut pictures = Vec::new();
-    let mut files = Vec::new();
-    for (body, mesh, halves) in &found.bodies {
+/// Each body coloured by lengths [m] at its vertices: a picture, and a file with these as `field`. `of` has the
+/// words of the legend and of the caption.
+pub(super) fn surfaces<'a>(
+    bodies: &'a [(String, TriangleMesh, Vec<f64>)],
+    of: (&str, &str),
+    field: &'a str,
+) -> Result<(Vec<Picture>, Vec<OutputFile<'a>>), PictureError> {
+    let (mut pictures, mut files) = (Vec::new(), Vec::new());
+    for (body, mesh, lengths) in bodies {
         let file = file_name(body);
         pictures.push(Picture {
             file: format!("{file}.png"),
-            caption: format!("{body}: interval of the position of each point"),
-            bytes: picture(body, "Interval +-", mesh, halves).to_png()?,
+            caption: format!("{body}: {}", of.1),
+            bytes: picture(body, of.0, mesh, lengths).to_png()?,
             wide: false,
         });
         files.push(OutputFile::new(format!("{file}.vtp"), move |path| {
             let data = PolyData {
                 points: &mesh.vertices,
                 triangles: &mesh.triangles,
-                point_data: vec![("interval_m", halves.clone())],
+                point_data: vec![(field, lengths.clone())],
                 ..PolyData::default()
             };
             vtp::write(path, &data)
         }));
     }
+    Ok((pictures, files))
+}
+
+/// The result.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub fn output<'a>(name: &str, found: &'a Sensitivities) -> Result<RunOutput<'a>, PictureError> {
+    let (pictures, files) = surfaces(
+        &found.bodies,
+        ("Interval +-", "interval of the position of each point"),
+        "interval_m",
+    )?;
     let mut findings = Vec::new();
     for (measure, parameter) in found.jumps() {
         let (words, unit, factor) = shown(measure.name);

@@ -156,21 +156,19 @@ impl Scenario for SkinRun {
         let areas = self.areas_at(self.frame());
         let volume: f64 = self.last().map(SkinMeasures::volume).sum();
         let last = |of: fn(&SkinMeasures) -> f64| max_or_nan(self.last().map(of));
-        vec![
+        let mut all = vec![
             ("time_s", self.parts.iter().map(SkinPart::time_s).sum()),
             ("area_before_m2", areas.before),
-            ("area_deformed_m2", areas.deformed),
-            ("area_gain_m2", areas.gain()),
-            ("area_retracted_low_m2", areas.retracted.low),
-            ("area_retracted_high_m2", areas.retracted.high),
-            ("area_grown_low_m2", areas.grown.low),
-            ("area_grown_high_m2", areas.grown.high),
+        ];
+        all.extend(named(&areas));
+        all.extend([
             ("implant_volume_m3", volume),
             ("volume_difference_m3", areas.volume_difference),
             ("stretch_max", areas.stretch_max),
             ("pressure_pa", last(|f| f.progress.pressure)),
             ("penetration_m", last(|f| f.progress.depth)),
-        ]
+        ]);
+        all
     }
 
     fn severity(&self) -> f64 {
@@ -180,4 +178,16 @@ impl Scenario for SkinRun {
     fn severity_name(&self) -> &'static str {
         "greatest stretch"
     }
+}
+
+/// The areas over an implant, by the names of their measures.
+pub(in crate::simulation) fn named(areas: &Areas) -> [(&'static str, f64); 6] {
+    [
+        ("area_deformed_m2", areas.deformed),
+        ("area_gain_m2", areas.gain()),
+        ("area_retracted_low_m2", areas.retracted.low),
+        ("area_retracted_high_m2", areas.retracted.high),
+        ("area_grown_low_m2", areas.grown.low),
+        ("area_grown_high_m2", areas.grown.high),
+    ]
 }

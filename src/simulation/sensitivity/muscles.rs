@@ -85,15 +85,17 @@ fn has_meshes_of(scene: &Scene, other: &Scene) -> bool {
 impl SettledMuscles {
     /// The parts of a scene where the muscles of this one are.
     fn here(&self, scene: &Scene) -> Result<Option<Vec<Balanced>>, SensitivityError> {
+        let contact = |scene: &Scene| scene.effects.contact;
+        // What lies on a bone would have to move with it, or with its thickness.
+        let is_same = scene.bones == self.scene.bones
+            && scene.capsules == self.scene.capsules
+            && contact(scene) == contact(&self.scene);
+        if !is_same {
+            return Ok(None);
+        }
         let (mut there, _) = resting(scene, Some((&self.scene, &self.assets)))?;
-        let count = |run: &Simulation| run.bodies.iter().map(Body::count).collect::<Vec<_>>();
-        let poses = |run: &Simulation| {
-            let frame = self.run.frame() as f64;
-            let bones = 0..run.bones.len();
-            bones.map(|bone| run.pose(bone, frame)).collect::<Vec<_>>()
-        };
-        // What lies on a bone would have to move with it.
-        if count(&there) != count(&self.run) || poses(&there) != poses(&self.run) {
+        let counts = there.bodies.iter().map(Body::count);
+        if !counts.eq(self.run.bodies.iter().map(Body::count)) {
             return Ok(None);
         }
         there.continue_from(&self.run);

@@ -9,6 +9,7 @@ use crate::progress::Progress;
 use crate::scene::Content;
 use crate::scene::content::{FillCourse, Support};
 use crate::simulation::scenario::Stepped;
+use crate::simulation::scenario::skin::named;
 use crate::simulation::skin::{SkinPart, SkinRun};
 use crate::skin::tangent::Pressing;
 use crate::skin::{Areas, Inserted};
@@ -183,19 +184,13 @@ impl Settled for SettledSkin {
             shells.map(of).sum::<f64>()
         });
         let pressure = max_or_nan(pressures.iter().flatten().copied());
-        let values = [
-            ("area_deformed_m2", areas.deformed),
-            ("area_gain_m2", areas.gain()),
-            ("area_retracted_low_m2", areas.retracted.low),
-            ("area_retracted_high_m2", areas.retracted.high),
-            ("area_grown_low_m2", areas.grown.low),
-            ("area_grown_high_m2", areas.grown.high),
+        let more = [
             ("implant_volume_m3", volumes.sum::<f64>()),
             ("volume_difference_m3", areas.volume_difference),
             ("stretch_max", areas.stretch_max),
             ("pressure_pa", pressure),
         ];
-        let all = values.into_iter();
+        let all = named(&areas).into_iter().chain(more);
         all.map(|(name, value)| (String::new(), name, value))
             .collect()
     }
