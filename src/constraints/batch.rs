@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::Constraint;
 use super::blocks::Block;
-use super::kernel::SweepBlock;
+use super::kernel::{MOST_NUMBERS, SweepBlock};
 use super::lanes::SimdWidth;
 use super::order::{SweepOrder, SweepSchedule, schedule};
 use super::projection::{Span, Sweep};
@@ -133,11 +133,17 @@ pub fn stiffness_of_part(k: f64, steps: u32) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Batch<C, const K: usize> {
     constraints: Vec<C>,
+    /// The numbers of the constraints that the kernel reads, each list in sweep order; empty where it reads
+    /// none. The branches here count, not those of the constraints.
+    numbers: [Vec<f64>; MOST_NUMBERS],
     compliance: Vec<f64>,
+    /// Empty for constraints that are not classic.
     relaxation: Vec<f64>,
-    /// The relaxation of an undivided step, if it is classic.
+    /// The relaxation of an undivided step.
     classic: Vec<f64>,
     multipliers: Vec<f64>,
+    /// Whether a step has begun and not swept: all multipliers are zero then, whatever the list contains.
+    is_first: bool,
     schedule: SweepSchedule,
     /// Whether the constraints act in the present step.
     acts: bool,
@@ -193,20 +199,22 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         let loaded: Vec<u32> = loaded.iter().map(|&p| place(p)).collect();
         let schedule = schedule(order, &points, count, &loaded);
         let sorted = |i: &u32| *i as usize;
-        Self {
+        let mut new = Self {
             constraints: schedule
                 .sequence
                 .iter()
                 .map(|i| constraints[sorted(i)])
                 .collect(),
+            numbers: [const { Vec::new() }; MOST_NUMBERS],
             compliance: schedule
                 .sequence
                 .iter()
                 .map(|i| compliance[sorted(i)])
                 .collect(),
-            relaxation: vec![1.0; constraints.len()],
+            relaxation: Vec::new(),
             classic: Vec::new(),
             multipliers: vec![0.0; constraints.len()],
+            is_first: true,
             acts: true,
             places: places(&schedule, &points),
             spans: spans(&schedule, &points),
@@ -215,7 +223,30 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             schedule,
             calls: 0,
             skipped: 0,
+        };
+        new.read_numbers();
+        new
+    }
+
+    /// Reads the numbers of the constraints, after one of them changed.
+    fn read_numbers(&mut self) {
+        let Some(numbers) = C::kernel().numbers else {
+            return;
+        };
+        let lists = self.numbers.iter_mut().enumerate().take(numbers.count);
+        for (k, list) in lists {
+            list.clear();
+            list.extend(self.constraints.iter().map(|c| (numbers.of)(c)[k]));
         }
+    }
+
+    /// Constraint `j` in sweep order, on its present branch.
+    fn constraint(&self, j: usize) -> C {
+        let mut constraint = self.constraints[j];
+        if let Some(branch) = C::kernel().branch {
+            (branch.set)(&mut constraint, self.numbers[0][j]);
+        }
+        constraint
     }
 
     /// Classic stiffness: scales the displacement of each constraint by its factor, 0..1.
@@ -239,14 +270,26 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         self
     }
 
-    /// The constraints in sweep order.
-    pub fn constraints(&self) -> &[C] {
-        &self.constraints
+    /// The constraints in sweep order, each on its present branch.
+    pub fn constraints(&self) -> Vec<C> {
+        (0..self.constraints.len())
+            .map(|j| self.constraint(j))
+            .collect()
     }
 
     /// Multipliers in sweep order.
-    pub fn multipliers(&self) -> &[f64] {
-        &self.multipliers
+    pub fn multipliers(&self) -> Vec<f64> {
+        (0..self.multipliers.len())
+            .map(|j| self.multiplier(j))
+            .collect()
+    }
+
+    fn multiplier(&self, j: usize) -> f64 {
+        if self.is_first {
+            0.0
+        } else {
+            self.multipliers[j]
+        }
     }
 
     /// The order and its colours.
@@ -265,6 +308,11 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     /// Heap memory held [bytes].
     fn bytes(&self) -> usize {
         self.constraints.capacity() * size_of::<C>()
+            + self
+                .numbers
+                .iter()
+                .map(|of| of.capacity() * 8)
+                .sum::<usize>()
             + (self.compliance.capacity()
                 + self.relaxation.capacity()
                 + self.classic.capacity()
@@ -285,7 +333,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
 
     /// |C + alpha lambda| / |grad C| of constraint `j` [m]; `None` where its gradient is undefined.
     fn distance(&self, j: usize, particles: &Particles, dt: f64) -> Option<f64> {
-        let constraint = &self.constraints[j];
+        let constraint = self.constraint(j);
         let points = constraint.points();
         let x = points.map(|p| particles.position[p as usize]);
         let (c, g) = constraint.value_and_gradient(&x)?;
@@ -294,7 +342,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             .all(|&p| particles.inverse_mass[p as usize] == 0.0);
         let steepness = g.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
         let per_dt2 = 1.0 / (dt * dt);
-        let off = || (c + self.compliance[j] * per_dt2 * self.multipliers[j]).abs() / steepness;
+        let off = || (c + self.compliance[j] * per_dt2 * self.multiplier(j)).abs() / steepness;
         (!is_held && steepness != 0.0).then(off)
     }
 
@@ -302,11 +350,13 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         let parallel =
             self.constraints.len() * K * K >= PARALLEL && rayon::current_num_threads() > 1;
         let mut all = Sweep {
-            constraints: &mut self.constraints,
+            constraints: &self.constraints,
+            numbers: self.numbers.each_mut().map(|of| &mut of[..]),
             places: &self.places,
             compliance: &self.compliance,
             relaxation: &self.relaxation,
             multipliers: &mut self.multipliers,
+            is_first: self.is_first,
             slots: &mut packed.slots,
             per_dt2: 1.0 / (dt * dt),
             skipped: 0,
@@ -323,6 +373,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             }
             .run(phase, origin, rest);
         }
+        self.is_first = false;
     }
 }
 
@@ -426,12 +477,16 @@ pub(crate) fn restore_branches<C: Constraint<K>, const K: usize>(
 impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
     fn save(&self, to: &mut Writer) {
         let Self {
-            constraints,
+            // Only their branches change.
+            constraints: _,
+            numbers: _,
             compliance: _,
             // Of the number of steps of a frame.
             relaxation: _,
             classic: _,
-            multipliers,
+            // A list is written with `is_first` in mind.
+            multipliers: _,
+            is_first: _,
             // Set at the beginning of a step.
             acts: _,
             schedule: _,
@@ -442,16 +497,18 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
             calls,
             skipped,
         } = self;
-        save_branches(constraints, to);
+        save_branches(&self.constraints(), to);
         // A step resets the multipliers at its beginning, but the measures of a frame use those of
         // its last step.
-        to.list(multipliers);
+        to.list(&self.multipliers());
         to.put(&(*calls, *skipped));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
         restore_branches(&mut self.constraints, from)?;
+        self.read_numbers();
         from.fill(&mut self.multipliers)?;
+        self.is_first = false;
         (self.calls, self.skipped) = from.take()?;
         Ok(())
     }
@@ -467,7 +524,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
     }
 
     fn begin_step(&mut self) {
-        self.multipliers.fill(0.0);
+        self.is_first = true;
     }
 
     fn project(&mut self, particles: &mut Particles, dt: f64) {
@@ -538,15 +595,21 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
     }
 
     fn shorten(&mut self, shortening: f64) {
-        shorten(&mut self.constraints, shortening);
+        if C::kernel().shorten.is_some() {
+            self.constraints = self.constraints();
+            shorten(&mut self.constraints, shortening);
+            self.read_numbers();
+        }
     }
 
     fn turn(&mut self, along: &[Vector3<f64>]) {
         if let Some(turn) = C::kernel().turn {
             self.acts = !along.is_empty();
+            self.constraints = self.constraints();
             let each = self.constraints.iter_mut().zip(&self.schedule.sequence);
             each.filter_map(|(c, &i)| Some((c, along.get(i as usize)?)))
                 .for_each(|(c, along)| turn(c, along));
+            self.read_numbers();
         }
     }
 }

@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Point3, Vector3};
 
 use super::angle::{atan2, atan2_in_lanes};
-use super::kernel::Periodic;
+use super::kernel::{MOST_NUMBERS, Periodic};
 use super::lanes::{cross, dot, neg, scale, sub};
 use super::{Constraint, Kernel, Lane, LaneConstraint, Scalar, Several};
 
@@ -135,7 +135,8 @@ impl Constraint<4> for Bending {
             value,
             gradient,
             usual,
-        } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
+            ..
+        } = Self::in_lanes::<f64>((), self.numbers(), &points);
         let [a, b, c, d] = gradient;
         if usual {
             Some((value, [a.into(), b.into(), c.into(), d.into()]))
@@ -151,18 +152,34 @@ impl Constraint<4> for Bending {
 
 impl Periodic<4> for Bending {
     fn branch(&self) -> f64 {
-        self.stiffened(self.last).0
+        self.last
     }
 
     #[inline]
-    fn set_branch(&mut self, value: f64) {
-        self.last = self.turned(value);
+    fn set_branch(&mut self, branch: f64) {
+        self.last = branch;
+    }
+
+    #[inline]
+    fn branch_of(&self, value: f64) -> f64 {
+        self.turned(value)
     }
 }
 
 impl LaneConstraint<4> for Bending {
+    const NUMBERS: usize = 3;
+
     #[inline(always)]
-    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 4]) -> Several<N, 4> {
+    fn numbers(&self) -> [f64; MOST_NUMBERS] {
+        [self.last, self.rest, self.limit]
+    }
+
+    #[inline(always)]
+    fn in_lanes<N: Lane>(
+        machine: N::Machine,
+        [last, rest, limit]: [N; MOST_NUMBERS],
+        x: &[[N; 3]; 4],
+    ) -> Several<N, 4> {
         let of = |value| N::splat(machine, value);
         let e = sub(x[1], x[0]);
         let a = sub(x[2], x[0]);
@@ -179,20 +196,23 @@ impl LaneConstraint<4> for Bending {
         let length = ee.sqrt();
         // N1 x N2 = -(N1.b) e: the same angle as in `value` with one product fewer.
         let (theta, angular) = atan2_in_lanes(machine, -dot(n1, b) * length, dot(n1, n2));
-        let value = theta - N::each(machine, |l| these[l].rest);
-        let off = value - N::each(machine, |l| these[l].last);
+        let turned = theta - rest;
+        let off = turned - last;
         let unwrapped = of(-PI).lt(off) & off.le(of(PI));
         let zero = of(0.0);
-        let limit = N::each(machine, |l| these[l].limit);
-        let over = theta - limit;
-        let under = theta + limit;
-        let (is_over, is_under) = (zero.lt(over), under.lt(zero));
-        let beyond = N::select(is_over, over, N::select(is_under, under, zero));
+        let (is_over, is_under) = (limit.lt(theta), theta.lt(-limit));
         let is_beyond = is_over | is_under;
-        let size = (value * value + beyond * beyond * of(STIFFER)).sqrt();
-        let stiff = size.copysign(value);
-        let slope = N::select(is_beyond, (value + of(STIFFER) * beyond) / stiff, of(1.0));
-        let value = N::select(is_beyond, stiff, value);
+        let (mut slope, mut value) = (of(1.0), turned);
+        // Rare, and a root and a quotient more.
+        if N::bits(is_beyond) != 0 {
+            let over = N::select(is_over, theta - limit, zero);
+            let beyond = N::select(is_under, theta + limit, over);
+            let size = (value * value + beyond * beyond * of(STIFFER)).sqrt();
+            let stiff = size.copysign(value);
+            let steeper = (value + of(STIFFER) * beyond) / stiff;
+            slope = N::select(is_beyond, steeper, slope);
+            value = N::select(is_beyond, stiff, value);
+        }
         // One division instead of three.
         let all = of(1.0) / (q1 * q2 * ee);
         let (one, per_ee) = (of(1.0), q1 * q2 * all);
@@ -207,6 +227,7 @@ impl LaneConstraint<4> for Bending {
         Several {
             value,
             gradient: [g1, g2, g3, g4],
+            branch: turned,
             usual: solid & angular & unwrapped & in_range,
         }
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use super::kernel::MOST_NUMBERS;
 use super::lanes::{dot, neg, scale, sub};
 use super::stencil::Blocks;
 use super::{Constraint, Kernel, Lane, LaneConstraint, Scalar, Several, safe_norm};
@@ -36,7 +37,8 @@ impl Constraint<2> for Distance {
             value,
             gradient: [u, v],
             usual,
-        } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
+            ..
+        } = Self::in_lanes::<f64>((), self.numbers(), &points);
         if usual {
             Some((value, [u.into(), v.into()]))
         } else {
@@ -51,25 +53,37 @@ impl Constraint<2> for Distance {
 
 impl LaneConstraint<2> for Distance {
     const UNIT: bool = true;
+    const NUMBERS: usize = 1;
 
     #[inline(always)]
-    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
-        beyond(N::each(machine, |l| these[l].rest), machine, x)
+    fn numbers(&self) -> [f64; MOST_NUMBERS] {
+        [self.rest, 0.0, 0.0]
+    }
+
+    #[inline(always)]
+    fn in_lanes<N: Lane>(
+        machine: N::Machine,
+        [rest, ..]: [N; MOST_NUMBERS],
+        x: &[[N; 3]; 2],
+    ) -> Several<N, 2> {
+        beyond(rest, machine, x)
     }
 }
 
 /// C and its gradient for several rest lengths [m], one per lane.
 #[inline(always)]
-pub(super) fn beyond<N: Lane>(rest: N, machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
+fn beyond<N: Lane>(rest: N, machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
     let d = sub(x[0], x[1]);
     let squared = dot(d, d);
     // Squares of components beyond these bounds lose digits or overflow.
     let usual = N::splat(machine, 1e-280).lt(squared) & squared.lt(N::splat(machine, 1e280));
     let length = squared.sqrt();
     let u = scale(d, N::splat(machine, 1.0) / length);
+    let value = length - rest;
     Several {
-        value: length - rest,
+        value,
         gradient: [u, neg(u)],
+        branch: value,
         usual,
     }
 }

@@ -138,9 +138,9 @@ impl EnclosedVolume {
         let slots: Vec<Slot> = x.iter().map(|p| Slot([p.x, p.y, p.z, 0.0])).collect();
         let along: Vec<Slot> = field.iter().map(|d| Slot([d.x, d.y, d.z, 0.0])).collect();
         let (mut gradient, mut terms) = (vec![Slot::default(); x.len()], Terms::default());
-        let volume = self
-            .rings
-            .volume(self.width, &slots, &mut gradient, &mut terms);
+        let mut weighed = gradient.clone();
+        let both = [&mut gradient[..], &mut weighed[..]];
+        let volume = self.rings.volume(self.width, &slots, both, &mut terms);
         let coefficients = self
             .rings
             .along(self.width, &slots, &gradient, &along, &mut terms);
@@ -171,9 +171,11 @@ impl EnclosedVolume {
     pub fn value_and_gradient(&self, x: &[Point3<f64>]) -> (f64, Vec<Vector3<f64>>) {
         let slots: Vec<Slot> = x.iter().map(|p| Slot([p.x, p.y, p.z, 0.0])).collect();
         let mut gradient = vec![Slot::default(); x.len()];
+        let mut field = gradient.clone();
+        let both = [&mut gradient[..], &mut field[..]];
         let volume = self
             .rings
-            .volume(self.width, &slots, &mut gradient, &mut Terms::default());
+            .volume(self.width, &slots, both, &mut Terms::default());
         (volume - self.target, gradient.iter().map(vector).collect())
     }
 
@@ -209,26 +211,9 @@ impl EnclosedVolume {
         let volume = self.rings.volume(
             self.width,
             &self.packed.slots,
-            &mut self.gradient,
+            [&mut self.gradient, &mut self.field],
             &mut self.terms,
         );
-        let weigh = |((d, g), at): ((&mut Slot, &Slot), &Slot)| {
-            let (&Slot([x, y, z, _]), &Slot([.., w])) = (g, at);
-            *d = Slot([x * w, y * w, z * w, 0.0]);
-        };
-        if is_shared(self.field.len()) {
-            let with_gradient = self.field.par_iter_mut().zip(&self.gradient);
-            with_gradient
-                .zip(&self.packed.slots)
-                .with_min_len(SHARE)
-                .for_each(weigh);
-        } else {
-            self.field
-                .iter_mut()
-                .zip(&self.gradient)
-                .zip(&self.packed.slots)
-                .for_each(weigh);
-        }
         let compliance = self.compliance / (dt * dt);
         let wanted = -(volume - self.target) - compliance * self.multiplier;
         restrict(&mut self.field, wanted.signum());

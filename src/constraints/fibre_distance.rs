@@ -2,7 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::distance::{self, Distance};
+use super::distance::Distance;
+use super::kernel::MOST_NUMBERS;
 use super::stencil::Blocks;
 use super::{Constraint, Kernel, Lane, LaneConstraint, Scalar, Several};
 
@@ -80,10 +81,20 @@ impl Constraint<2> for FibreDistance {
 
 impl LaneConstraint<2> for FibreDistance {
     const UNIT: bool = true;
+    const NUMBERS: usize = Distance::NUMBERS;
 
     #[inline(always)]
-    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
-        distance::beyond(N::each(machine, |l| these[l].edge.rest), machine, x)
+    fn numbers(&self) -> [f64; MOST_NUMBERS] {
+        self.edge.numbers()
+    }
+
+    #[inline(always)]
+    fn in_lanes<N: Lane>(
+        machine: N::Machine,
+        numbers: [N; MOST_NUMBERS],
+        x: &[[N; 3]; 2],
+    ) -> Several<N, 2> {
+        Distance::in_lanes(machine, numbers, x)
     }
 }
 

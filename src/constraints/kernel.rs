@@ -4,10 +4,13 @@
 use nalgebra::{Point3, Vector3};
 
 use super::Constraint;
-use super::lanes::{Lane, Several, SimdWidth};
+use super::lanes::{Lane, Several, SimdWidth, unrolled};
 use super::projection::{self, Span, Sweep};
 use super::quadratic::{self, Forces};
 use super::stencil::Blocks;
+
+/// Greatest count of numbers of a constraint that its form in lanes reads.
+pub const MOST_NUMBERS: usize = 3;
 
 /// A constraint that can be evaluated in several lanes at once.
 pub trait LaneConstraint<const K: usize>: Constraint<K> {
@@ -15,19 +18,48 @@ pub trait LaneConstraint<const K: usize>: Constraint<K> {
     /// need not compute the length.
     const UNIT: bool = false;
 
-    /// C(x) and dC/dx_i of several constraints, one per lane. In the lanes of `usual`, the bits
-    /// equal those of [`Constraint::value_and_gradient`].
-    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; K]) -> Several<N, K>;
+    /// How many of [`Self::numbers`] the form in lanes reads. Batches store them side by side.
+    const NUMBERS: usize;
+
+    /// The numbers of the constraint beside its points. The first one of a [`Periodic`] constraint is its
+    /// branch.
+    fn numbers(&self) -> [f64; MOST_NUMBERS];
+
+    /// C(x) and dC/dx_i of several constraints, one per lane, from their numbers. In the lanes of `usual`,
+    /// the bits equal those of [`Constraint::value_and_gradient`].
+    fn in_lanes<N: Lane>(
+        machine: N::Machine,
+        numbers: [N; MOST_NUMBERS],
+        x: &[[N; 3]; K],
+    ) -> Several<N, K>;
 }
 
-/// A constraint whose value is known up to a period. It stores C of its last visit; the value
+/// A constraint whose value is known up to a period. It stores a number of its last visit, and the value
 /// nearest to it counts.
 pub trait Periodic<const K: usize>: Constraint<K> {
-    /// C at the last visit. It is the whole state, because points and parameters never change.
+    /// The number of the last visit. It is the whole state, because points and parameters never change.
     fn branch(&self) -> f64;
 
-    /// Stores C.
-    fn set_branch(&mut self, value: f64);
+    /// Stores the number of a visit.
+    fn set_branch(&mut self, branch: f64);
+
+    /// The number of a visit at which C is `value`.
+    fn branch_of(&self, value: f64) -> f64;
+}
+
+/// The numbers of one constraint, each in every lane of `these`.
+#[inline(always)]
+pub(crate) fn numbers_of<C: LaneConstraint<K>, N: Lane, const K: usize>(
+    machine: N::Machine,
+    these: &[C],
+) -> [N; MOST_NUMBERS] {
+    let mut numbers = [N::splat(machine, 0.0); MOST_NUMBERS];
+    unrolled!(k in MOST_NUMBERS => {
+        if k < C::NUMBERS {
+            numbers[k] = N::each(machine, |l| these[l].numbers()[k]);
+        }
+    });
+    numbers
 }
 
 /// Properties of a kind of constraint that the loops of sweeps and energies need at compile time.
@@ -36,8 +68,10 @@ pub(crate) trait Mode<C, const K: usize> {
     const UNIT: bool;
     /// Whether each constraint stores its branch.
     const PERIODIC: bool;
-    /// Stores C as the branch of a constraint that has one.
-    fn note(constraint: &mut C, value: f64);
+    /// Sets the branch of a constraint that has one.
+    fn set(constraint: &mut C, branch: f64);
+    /// The branch that belongs to a value of C.
+    fn branch(constraint: &C, value: f64) -> f64;
 }
 
 /// One by one, without a branch.
@@ -53,22 +87,34 @@ impl<C: Constraint<K>, const K: usize> Mode<C, K> for Plain {
     const UNIT: bool = false;
     const PERIODIC: bool = false;
     #[inline(always)]
-    fn note(_: &mut C, _: f64) {}
+    fn set(_: &mut C, _: f64) {}
+    #[inline(always)]
+    fn branch(_: &C, value: f64) -> f64 {
+        value
+    }
 }
 
 impl<C: LaneConstraint<K>, const K: usize> Mode<C, K> for Lanes {
     const UNIT: bool = C::UNIT;
     const PERIODIC: bool = false;
     #[inline(always)]
-    fn note(_: &mut C, _: f64) {}
+    fn set(_: &mut C, _: f64) {}
+    #[inline(always)]
+    fn branch(_: &C, value: f64) -> f64 {
+        value
+    }
 }
 
 impl<C: Periodic<K>, const K: usize> Mode<C, K> for OnBranch {
     const UNIT: bool = false;
     const PERIODIC: bool = true;
     #[inline(always)]
-    fn note(constraint: &mut C, value: f64) {
-        constraint.set_branch(value);
+    fn set(constraint: &mut C, branch: f64) {
+        constraint.set_branch(branch);
+    }
+    #[inline(always)]
+    fn branch(constraint: &C, value: f64) -> f64 {
+        constraint.branch_of(value)
     }
 }
 
@@ -76,8 +122,12 @@ impl<C: Periodic<K> + LaneConstraint<K>, const K: usize> Mode<C, K> for LanesOnB
     const UNIT: bool = C::UNIT;
     const PERIODIC: bool = true;
     #[inline(always)]
-    fn note(constraint: &mut C, value: f64) {
-        constraint.set_branch(value);
+    fn set(constraint: &mut C, branch: f64) {
+        constraint.set_branch(branch);
+    }
+    #[inline(always)]
+    fn branch(constraint: &C, value: f64) -> f64 {
+        constraint.branch_of(value)
     }
 }
 
@@ -86,6 +136,15 @@ impl<C: Periodic<K> + LaneConstraint<K>, const K: usize> Mode<C, K> for LanesOnB
 pub(crate) struct Branch<C> {
     pub get: fn(&C) -> f64,
     pub set: fn(&mut C, f64),
+    /// The branch of a value of C.
+    pub of: fn(&C, f64) -> f64,
+}
+
+/// The numbers of a constraint that batches store side by side, and how many there are.
+#[derive(Clone, Copy)]
+pub(crate) struct Numbers<C> {
+    pub count: usize,
+    pub of: fn(&C) -> [f64; MOST_NUMBERS],
 }
 
 /// A sweep over the spans of a block.
@@ -106,6 +165,7 @@ pub struct Kernel<C, const K: usize> {
     pub(crate) forces: fn(Forces<'_, C, K>),
     pub(crate) hessian: Hessian<C, K>,
     pub(crate) branch: Option<Branch<C>>,
+    pub(crate) numbers: Option<Numbers<C>>,
     pub(crate) shorten: Option<fn(&mut C, f64)>,
     pub(crate) turn: Option<fn(&mut C, &Vector3<f64>)>,
     unit: bool,
@@ -119,6 +179,7 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
             forces: quadratic::one_by_one,
             hessian: quadratic::hessian,
             branch: None,
+            numbers: None,
             shorten: None,
             turn: None,
             unit: false,
@@ -133,6 +194,10 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
         Self {
             sweep: projection::in_lanes::<C, Lanes, K>,
             forces: quadratic::in_lanes,
+            numbers: Some(Numbers {
+                count: C::NUMBERS,
+                of: C::numbers,
+            }),
             unit: C::UNIT,
             ..Self::one_by_one()
         }
@@ -148,6 +213,11 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
             branch: Some(Branch {
                 get: C::branch,
                 set: C::set_branch,
+                of: C::branch_of,
+            }),
+            numbers: Some(Numbers {
+                count: 1,
+                of: |c| [c.branch(), 0.0, 0.0],
             }),
             ..Self::one_by_one()
         }

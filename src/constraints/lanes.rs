@@ -27,6 +27,8 @@ pub struct Several<N: Lane, const K: usize> {
     pub value: N,
     /// dC/dx_i.
     pub gradient: [[N; 3]; K],
+    /// The branch that a periodic constraint stores; C for another one.
+    pub branch: N,
     /// The lanes where both are defined and have the exact bits. The other lanes are computed one
     /// by one.
     pub usual: N::Mask,

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use nalgebra::Point3;
 
-use super::kernel::Mode;
+use super::kernel::{MOST_NUMBERS, Mode};
 use super::lanes::{self, InLanes, Lane, Several, SimdWidth, dot, scale, unrolled};
 use super::{Constraint, LaneConstraint};
 use crate::particles::Slot;
@@ -39,12 +39,18 @@ pub struct Span {
 
 /// The data that a sweep reads and writes, all but `slots` in sweep order.
 pub struct Sweep<'a, C, const K: usize> {
-    pub constraints: &'a mut [C],
+    pub constraints: &'a [C],
+    /// The numbers of each constraint that its form in lanes reads; empty for a kind without. The branch here
+    /// counts, not that of the constraint.
+    pub numbers: [&'a mut [f64]; MOST_NUMBERS],
     /// Slots of the constraints' particles, counted from the first slot of their block.
     pub places: &'a [[u32; K]],
     pub compliance: &'a [f64],
+    /// Empty where all are one.
     pub relaxation: &'a [f64],
     pub multipliers: &'a mut [f64],
+    /// Whether all multipliers are zero, whatever they contain: this is the first sweep of a step.
+    pub is_first: bool,
     pub slots: &'a mut [Slot],
     pub per_dt2: f64,
     /// Number of skipped projections.
@@ -54,30 +60,39 @@ pub struct Sweep<'a, C, const K: usize> {
 impl<C, const K: usize> Sweep<'_, C, K> {
     /// The first `constraints` with the first `slots`, and the others.
     pub fn split(&mut self, constraints: usize, slots: usize) -> [Sweep<'_, C, K>; 2] {
-        let (a, b) = self.constraints.split_at_mut(constraints);
+        let (a, b) = self.constraints.split_at(constraints);
         let (places_a, places_b) = self.places.split_at(constraints);
         let (compliance_a, compliance_b) = self.compliance.split_at(constraints);
-        let (relaxation_a, relaxation_b) = self.relaxation.split_at(constraints);
+        let classic = constraints.min(self.relaxation.len());
+        let (relaxation_a, relaxation_b) = self.relaxation.split_at(classic);
         let (multipliers_a, multipliers_b) = self.multipliers.split_at_mut(constraints);
         let (slots_a, slots_b) = self.slots.split_at_mut(slots);
-        let per_dt2 = self.per_dt2;
+        let [first, second, third] = &mut self.numbers;
+        let (first_a, first_b) = first.split_at_mut(constraints.min(first.len()));
+        let (second_a, second_b) = second.split_at_mut(constraints.min(second.len()));
+        let (third_a, third_b) = third.split_at_mut(constraints.min(third.len()));
+        let (per_dt2, is_first) = (self.per_dt2, self.is_first);
         [
             Sweep {
                 constraints: a,
+                numbers: [first_a, second_a, third_a],
                 places: places_a,
                 compliance: compliance_a,
                 relaxation: relaxation_a,
                 multipliers: multipliers_a,
+                is_first,
                 slots: slots_a,
                 per_dt2,
                 skipped: 0,
             },
             Sweep {
                 constraints: b,
+                numbers: [first_b, second_b, third_b],
                 places: places_b,
                 compliance: compliance_b,
                 relaxation: relaxation_b,
                 multipliers: multipliers_b,
+                is_first,
                 slots: slots_b,
                 per_dt2,
                 skipped: 0,
@@ -115,13 +130,13 @@ fn change<C, M: Mode<C, K>, N: Lane, const K: usize>(
 fn correction<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
     constraint: &C,
     at: [[f64; 4]; K],
-    numbers: (f64, f64, f64),
+    factors: (f64, f64, f64),
 ) -> Option<Correction<K>> {
     let (value, gradient) =
         constraint.value_and_gradient(&at.map(|[x, y, z, _]| Point3::new(x, y, z)))?;
     let inverse_mass = at.map(|slot| slot[3]);
     let mut move_by = gradient.map(Into::into);
-    let (change, weight) = change::<C, M, f64, K>((), (value, &move_by), &inverse_mass, numbers);
+    let (change, weight) = change::<C, M, f64, K>((), (value, &move_by), &inverse_mass, factors);
     // All points are fixed or the gradient is zero: no displacement can change C.
     if weight <= 0.0 {
         return None;
@@ -137,12 +152,21 @@ fn correction<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
 }
 
 impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
-    /// The numbers for the projection of constraint `j`: compliance / dt^2, relaxation, multiplier.
     #[inline(always)]
-    fn numbers(&self, j: usize) -> (f64, f64, f64) {
+    fn relaxation_of(&self, j: usize) -> f64 {
+        if self.relaxation.is_empty() {
+            1.0
+        } else {
+            self.relaxation[j]
+        }
+    }
+
+    /// Factors of the projection of constraint `j`: compliance / dt^2, relaxation, multiplier.
+    #[inline(always)]
+    fn factors(&self, j: usize) -> (f64, f64, f64) {
         (
             self.compliance[j] * self.per_dt2,
-            self.relaxation[j],
+            self.relaxation_of(j),
             self.multipliers[j],
         )
     }
@@ -160,7 +184,9 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
             return;
         };
         self.multipliers[j] += change;
-        M::note(&mut self.constraints[j], value);
+        if M::PERIODIC {
+            self.numbers[0][j] = M::branch(&self.constraints[j], value);
+        }
         for (p, by) in self.places[j].into_iter().zip(move_by) {
             let slot = &mut self.slots[p as usize].0;
             for k in 0..3 {
@@ -173,7 +199,14 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     #[inline(always)]
     fn alone<M: Mode<C, K>>(&mut self, j: usize) {
         let at = self.places[j].map(|p| self.slots[p as usize].0);
-        let correction = correction::<C, M, K>(&self.constraints[j], at, self.numbers(j));
+        if self.is_first {
+            self.multipliers[j] = 0.0;
+        }
+        let mut constraint = self.constraints[j];
+        if M::PERIODIC {
+            M::set(&mut constraint, self.numbers[0][j]);
+        }
+        let correction = correction::<C, M, K>(&constraint, at, self.factors(j));
         self.apply::<M>(j, correction);
     }
 }
@@ -214,14 +247,22 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
             return;
         };
         let at = |l: usize| (range.start + l).min(last);
-        let (few, mut constraints) = (range.len(), array(|l| self.constraints[at(l)]));
+        let few = range.len();
+        let mut numbers = [[0.0; MOST]; MOST_NUMBERS];
+        unrolled!(k in MOST_NUMBERS => {
+            if k < C::NUMBERS {
+                numbers[k] = array(|l| self.numbers[k][at(l)]);
+            }
+        });
         let mut multipliers = array(|l| self.multipliers[at(l)]);
         let mut filled = Sweep {
-            constraints: &mut constraints,
+            constraints: &[],
+            numbers: numbers.each_mut().map(|of| &mut of[..]),
             places: &array(|l| self.places[at(l)]),
             compliance: &array(|l| self.compliance[at(l)]),
-            relaxation: &array(|l| self.relaxation[at(l)]),
+            relaxation: &array(|l| self.relaxation_of(at(l))),
             multipliers: &mut multipliers,
+            is_first: self.is_first,
             slots: self.slots,
             per_dt2: self.per_dt2,
             skipped: 0,
@@ -232,7 +273,7 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
         self.skipped += filled.skipped;
         self.multipliers[range.clone()].copy_from_slice(&multipliers[..few]);
         if M::PERIODIC {
-            self.constraints[range].copy_from_slice(&constraints[..few]);
+            self.numbers[0][range].copy_from_slice(&numbers[0][..few]);
         }
     }
 
@@ -247,7 +288,6 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
         counted: usize,
     ) -> bool {
         let range = j..j + N::COUNT;
-        let these = &self.constraints[range.clone()];
         let places = &self.places[range.clone()];
         let zero = N::splat(machine, 0.0);
         let (mut x, mut inverse_mass) = ([[zero; 3]; K], [zero; K]);
@@ -255,21 +295,34 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
             let [a, b, c, w] = N::gather(machine, self.slots, |l| places[l][k]);
             (x[k], inverse_mass[k]) = ([a, b, c], w);
         });
+        let mut numbers = [zero; MOST_NUMBERS];
+        unrolled!(k in MOST_NUMBERS => {
+            if k < C::NUMBERS {
+                numbers[k] = N::load(machine, &self.numbers[k][range.clone()]);
+            }
+        });
         let Several {
             value,
             gradient,
+            branch,
             usual,
-        } = C::in_lanes::<N>(these, machine, &x);
+        } = C::in_lanes::<N>(machine, numbers, &x);
         if !N::all(usual) {
             return false;
         }
-        let multiplier = N::load(machine, &self.multipliers[range.clone()]);
+        let mut multiplier = zero;
+        if !self.is_first {
+            multiplier = N::load(machine, &self.multipliers[range.clone()]);
+        }
         let compliance =
             N::load(machine, &self.compliance[range.clone()]) * N::splat(machine, self.per_dt2);
-        let relaxation = N::load(machine, &self.relaxation[range.clone()]);
-        let numbers = (compliance, relaxation, multiplier);
+        let mut relaxation = N::splat(machine, 1.0);
+        if !self.relaxation.is_empty() {
+            relaxation = N::load(machine, &self.relaxation[range.clone()]);
+        }
+        let factors = (compliance, relaxation, multiplier);
         let (change, weight) =
-            change::<C, M, N, K>(machine, (value, &gradient), &inverse_mass, numbers);
+            change::<C, M, N, K>(machine, (value, &gradient), &inverse_mass, factors);
         // All points are fixed or the gradient is zero: no displacement can change C.
         let still = weight.le(zero);
         let change = N::select(still, zero, change);
@@ -281,12 +334,7 @@ impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
         });
         (multiplier + change).store(&mut self.multipliers[range.clone()]);
         if M::PERIODIC {
-            let mut values = [0.0; MOST];
-            value.store(&mut values);
-            self.constraints[range]
-                .iter_mut()
-                .zip(values)
-                .for_each(|(c, value)| M::note(c, value));
+            branch.store(&mut self.numbers[0][range]);
         }
         true
     }

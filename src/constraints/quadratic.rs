@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::batch::{restore_branches, save_branches, shorten};
+use super::kernel::numbers_of;
 use super::lanes::{self, InLanes, Lane, Several, SimdWidth, unrolled};
 use super::potential::{Memory, Potential, positive_part};
 use super::second::Second;
@@ -202,7 +203,8 @@ impl<C: Constraint<K>, const K: usize> Memory for Quadratic<C, K> {
         for constraint in &mut self.constraints {
             let at = constraint.points().map(|p| x[p as usize]);
             if let Some((c, _)) = constraint.value_and_gradient(&at) {
-                (branch.set)(constraint, c);
+                let now = (branch.of)(constraint, c);
+                (branch.set)(constraint, now);
             }
         }
     }
@@ -251,7 +253,8 @@ impl<C: LaneConstraint<K>, const K: usize> Forces<'_, C, K> {
             value,
             gradient,
             usual,
-        } = C::in_lanes::<N>(these, machine, &at);
+            ..
+        } = C::in_lanes::<N>(machine, numbers_of(machine, these), &at);
         if !N::all(usual) {
             return (j..j + N::COUNT).for_each(|j| self.alone(j));
         }

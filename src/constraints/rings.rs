@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::lanes::{InLanes, Lane, SimdWidth, Triple, cross, dot, run, sub};
-use crate::mesh::sum::tree_sum;
+use crate::mesh::sum::{LEAF, LEAF_PARTS, pairwise};
 use crate::particles::{SHARE, Slot, is_shared};
 
 /// Number of vertices whose rings are stored together: the number of the widest lanes, for every
@@ -23,12 +23,18 @@ pub struct Rings {
     around: Vec<[u32; GROUP]>,
 }
 
-/// Terms of the volume's polynomial along a field, one number per vertex.
+/// Sums over the leaves of a fixed tree. The bits do not depend on lanes and threads.
 #[derive(Clone, Debug, Default)]
 pub struct Terms([Vec<f64>; 3]);
 
-/// One chunk of each of the three terms.
-type ThreeChunks<'a> = ((&'a mut [f64], &'a mut [f64]), &'a mut [f64]);
+/// What a leaf writes: gradients, their field and the sum for the volume.
+type Leaf<'a> = ((&'a mut [Slot], &'a mut [Slot]), &'a mut f64);
+
+/// The sum of each of the three terms of a leaf.
+type ThreeSums<'a> = ((&'a mut f64, &'a mut f64), &'a mut f64);
+
+/// A leaf of the tree is what one thread computes at least.
+const _: () = assert!(SHARE == LEAF && GROUP == LEAF_PARTS);
 
 impl Rings {
     /// The rings of `count` vertices.
@@ -57,42 +63,40 @@ impl Rings {
         Self { start, around }
     }
 
-    /// Writes the gradient of the volume at `x` for each vertex and returns the volume; `terms` is
-    /// a work array.
+    /// Writes the gradient of the volume at `x` for each vertex, and the gradient times the inverse mass of
+    /// the vertex. Returns the volume; `terms` is a work array.
     pub fn volume(
         &self,
         width: SimdWidth,
         x: &[Slot],
-        gradient: &mut [Slot],
+        [gradient, field]: [&mut [Slot]; 2],
         terms: &mut Terms,
     ) -> f64 {
         let Some(&origin) = x.first() else { return 0.0 };
         let [volume, ..] = &mut terms.0;
-        volume.resize(x.len().next_multiple_of(GROUP), 0.0);
-        let kernel = |(k, (gradient, volume)): (usize, (&mut [Slot], &mut [f64]))| {
-            run(
-                width,
-                Gradient {
-                    rings: self,
-                    x,
-                    origin,
-                    first: k * SHARE,
-                    gradient,
-                    volume,
-                },
-            );
+        volume.resize(x.len().div_ceil(SHARE), 0.0);
+        let kernel = |(k, ((gradient, field), volume)): (usize, Leaf<'_>)| {
+            let work = Gradient {
+                rings: self,
+                x,
+                origin,
+                first: k * SHARE,
+                gradient,
+                field,
+                volume,
+            };
+            run(width, work);
         };
         if is_shared(x.len()) {
-            gradient
-                .par_chunks_mut(SHARE)
-                .zip(volume.par_chunks_mut(SHARE))
-                .enumerate()
-                .for_each(kernel);
+            let both = gradient.par_chunks_mut(SHARE);
+            let both = both.zip(field.par_chunks_mut(SHARE));
+            both.zip(volume).enumerate().for_each(kernel);
         } else {
-            kernel((0, (gradient, volume)));
+            let both = gradient.chunks_mut(SHARE).zip(field.chunks_mut(SHARE));
+            both.zip(volume).enumerate().for_each(kernel);
         }
         // V = (1/3) sum x_i.g_i, as V is homogeneous of degree 3.
-        tree_sum(&volume[..x.len()]) / 3.0
+        pairwise(&terms.0[0]) / 3.0
     }
 
     /// The coefficients of s, s^2 and s^3 of the volume at `x + s field`, from the given gradient
@@ -108,36 +112,29 @@ impl Rings {
         let Some(&origin) = x.first() else {
             return [0.0; 3];
         };
-        terms
-            .0
-            .iter_mut()
-            .for_each(|t| t.resize(x.len().next_multiple_of(GROUP), 0.0));
+        let leaves = x.len().div_ceil(SHARE);
+        terms.0.iter_mut().for_each(|t| t.resize(leaves, 0.0));
         let [linear, square, cubic] = &mut terms.0;
-        let kernel = |(k, ((linear, square), cubic)): (usize, ThreeChunks)| {
-            run(
-                width,
-                Along {
-                    rings: self,
-                    x,
-                    origin,
-                    gradient,
-                    field,
-                    first: k * SHARE,
-                    terms: [linear, square, cubic],
-                },
-            );
+        let kernel = |(k, ((linear, square), cubic)): (usize, ThreeSums<'_>)| {
+            let work = Along {
+                rings: self,
+                x,
+                origin,
+                gradient,
+                field,
+                first: k * SHARE,
+                terms: [linear, square, cubic],
+            };
+            run(width, work);
         };
         if is_shared(x.len()) {
-            let both = linear
-                .par_chunks_mut(SHARE)
-                .zip(square.par_chunks_mut(SHARE));
-            both.zip(cubic.par_chunks_mut(SHARE))
-                .enumerate()
-                .for_each(kernel);
+            let both = linear.par_iter_mut().zip(square);
+            both.zip(cubic).enumerate().for_each(kernel);
         } else {
-            kernel((0, ((linear, square), cubic)));
+            let both = linear.iter_mut().zip(square);
+            both.zip(cubic).enumerate().for_each(kernel);
         }
-        let [linear, square, cubic] = terms.0.each_ref().map(|t| tree_sum(&t[..x.len()]));
+        let [linear, square, cubic] = terms.0.each_ref().map(|t| pairwise(t));
         [linear, square, cubic / 3.0]
     }
 
@@ -146,17 +143,21 @@ impl Rings {
         self.start.capacity() * 4 + self.around.capacity() * size_of::<[u32; GROUP]>()
     }
 
-    /// g_i = (1/6) sum p_j x p_k over the triangles of each vertex `i` from `first`, one vertex per
-    /// lane.
+    /// g_i = (1/6) sum p_j x p_k over the triangles of the vertices `i` of a group whose points are `at`, from
+    /// lane `lane` on, one vertex per lane.
     ///
     /// Only the part of p_j x p_k relative to p_i varies with the triangle; on a closed surface the
     /// rest cancels. Differences to p_i are exact where coordinates are large.
     #[inline(always)]
-    fn gather<N: Lane>(&self, machine: N::Machine, slots: &[Slot], first: usize) -> Triple<N> {
-        let at = of_vertices::<N>(machine, slots, first);
+    fn gather<N: Lane>(
+        &self,
+        machine: N::Machine,
+        slots: &[Slot],
+        (group, lane): (usize, usize),
+        at: Triple<N>,
+    ) -> Triple<N> {
         let zero = N::splat(machine, 0.0);
         let mut sum = [zero; 3];
-        let (group, lane) = (first / GROUP, first % GROUP);
         let rows = &self.around[self.start[group] as usize..self.start[group + 1] as usize];
         let Some((row, rest)) = rows.split_first() else {
             return sum;
@@ -207,9 +208,22 @@ fn place(i: usize, count: usize) -> usize {
 
 /// The slots of the vertices from `first`.
 #[inline(always)]
-fn of_vertices<N: Lane>(machine: N::Machine, slots: &[Slot], first: usize) -> Triple<N> {
-    let [x, y, z, _] = N::gather(machine, slots, |l| place(first + l, slots.len()) as u32);
-    [x, y, z]
+fn of_vertices<N: Lane>(machine: N::Machine, slots: &[Slot], first: usize) -> [N; 4] {
+    // In all groups but the last one all vertices exist, and no index needs a check.
+    match slots.get(first..first + N::COUNT) {
+        Some(these) => N::gather(machine, these, |l| l as u32),
+        None => N::gather(machine, slots, |l| place(first + l, slots.len()) as u32),
+    }
+}
+
+/// Writes the slots of the vertices from `first`; lanes beyond the last vertex repeat it.
+#[inline(always)]
+fn to_vertices<N: Lane>(columns: [N; 4], slots: &mut [Slot], first: usize) {
+    let count = slots.len();
+    match slots.get_mut(first..first + N::COUNT) {
+        Some(these) => N::scatter(columns, these, |l| l as u32),
+        None => N::scatter(columns, slots, |l| place(first + l, count) as u32),
+    }
 }
 
 /// The coordinates of one point in all lanes.
@@ -222,6 +236,29 @@ fn splat<N: Lane>(machine: N::Machine, &Slot([x, y, z, _]): &Slot) -> Triple<N> 
     ]
 }
 
+/// Sums of a leaf in as many parts as a group has vertices, as [`crate::mesh::sum::tree_sum`] adds.
+struct Parts([f64; GROUP]);
+
+impl Parts {
+    /// Adds the lanes that begin at `lane` of a group, of which only the first `count` vertices exist.
+    #[inline(always)]
+    fn add<N: Lane>(&mut self, machine: N::Machine, value: N, (lane, count): (usize, usize)) {
+        let parts = &mut self.0[lane..lane + N::COUNT];
+        let sum = N::load(machine, parts) + value;
+        if lane + N::COUNT <= count {
+            return sum.store(parts);
+        }
+        let mut all = [0.0; GROUP];
+        sum.store(&mut all);
+        let few = count.saturating_sub(lane);
+        parts[..few].copy_from_slice(&all[..few]);
+    }
+
+    fn total(&self) -> f64 {
+        pairwise(&self.0)
+    }
+}
+
 struct Gradient<'a> {
     rings: &'a Rings,
     x: &'a [Slot],
@@ -229,23 +266,29 @@ struct Gradient<'a> {
     /// First vertex of the results.
     first: usize,
     gradient: &'a mut [Slot],
-    volume: &'a mut [f64],
+    field: &'a mut [Slot],
+    volume: &'a mut f64,
 }
 
 impl InLanes for Gradient<'_> {
     #[inline(always)]
     fn run<N: Lane>(self, machine: N::Machine) {
-        let (count, origin) = (self.x.len(), splat::<N>(machine, &self.origin));
-        for to in (0..self.gradient.len()).step_by(N::COUNT) {
-            let first = self.first + to;
-            let [x, y, z] = self.rings.gather::<N>(machine, self.x, first);
-            let columns = [x, y, z, N::splat(machine, 0.0)];
-            N::scatter(columns, self.gradient, |l| {
-                (place(first + l, count) - self.first) as u32
-            });
-            let at = of_vertices::<N>(machine, self.x, first);
-            dot(sub(at, origin), [x, y, z]).store(&mut self.volume[to..]);
+        let (count, origin) = (self.gradient.len(), splat::<N>(machine, &self.origin));
+        let zero = N::splat(machine, 0.0);
+        let mut sum = Parts([0.0; GROUP]);
+        for to in (0..count).step_by(GROUP) {
+            for lane in (0..GROUP).step_by(N::COUNT) {
+                let first = self.first + to + lane;
+                let [x, y, z, w] = of_vertices::<N>(machine, self.x, first);
+                let (at, place_of) = ([x, y, z], ((self.first + to) / GROUP, lane));
+                let [x, y, z] = self.rings.gather::<N>(machine, self.x, place_of, at);
+                to_vertices([x, y, z, zero], self.gradient, to + lane);
+                to_vertices([x * w, y * w, z * w, zero], self.field, to + lane);
+                let term = dot(sub(at, origin), [x, y, z]);
+                sum.add(machine, term, (lane, count - to));
+            }
         }
+        *self.volume = sum.total();
     }
 }
 
@@ -255,29 +298,44 @@ struct Along<'a> {
     origin: Slot,
     gradient: &'a [Slot],
     field: &'a [Slot],
-    /// First vertex of the results.
+    /// First vertex of the leaf.
     first: usize,
-    terms: [&'a mut [f64]; 3],
+    terms: [&'a mut f64; 3],
 }
 
 impl InLanes for Along<'_> {
     #[inline(always)]
     fn run<N: Lane>(self, machine: N::Machine) {
         let origin = splat::<N>(machine, &self.origin);
-        let [linear, square, cubic] = self.terms;
-        for to in (0..linear.len()).step_by(N::COUNT) {
-            let first = self.first + to;
-            // The volume is a symmetric trilinear form. Its gradient at the field times x is the
-            // coefficient of s^2. Its gradient at the field times the field is three times the
-            // coefficient of s^3.
-            let of_field = self.rings.gather::<N>(machine, self.field, first);
-            let d = of_vertices::<N>(machine, self.field, first);
-            let g = of_vertices::<N>(machine, self.gradient, first);
-            let x = of_vertices::<N>(machine, self.x, first);
-            dot(g, d).store(&mut linear[to..]);
-            dot(sub(x, origin), of_field).store(&mut square[to..]);
-            dot(d, of_field).store(&mut cubic[to..]);
+        let count = (self.x.len() - self.first).min(SHARE);
+        let (mut linear, mut square, mut cubic) = (
+            Parts([0.0; GROUP]),
+            Parts([0.0; GROUP]),
+            Parts([0.0; GROUP]),
+        );
+        for from in (0..count).step_by(GROUP) {
+            for lane in (0..GROUP).step_by(N::COUNT) {
+                let first = self.first + from + lane;
+                let [dx, dy, dz, _] = of_vertices::<N>(machine, self.field, first);
+                let [gx, gy, gz, _] = of_vertices::<N>(machine, self.gradient, first);
+                let [x, y, z, _] = of_vertices::<N>(machine, self.x, first);
+                let (d, group) = ([dx, dy, dz], (self.first + from) / GROUP);
+                // The volume is a symmetric trilinear form. Its gradient at the field times x is the
+                // coefficient of s^2. Its gradient at the field times the field is three times the
+                // coefficient of s^3.
+                let of_field = self
+                    .rings
+                    .gather::<N>(machine, self.field, (group, lane), d);
+                let at = (lane, count - from);
+                linear.add(machine, dot([gx, gy, gz], d), at);
+                square.add(machine, dot(sub([x, y, z], origin), of_field), at);
+                cubic.add(machine, dot(d, of_field), at);
+            }
         }
+        let [to_linear, to_square, to_cubic] = self.terms;
+        *to_linear = linear.total();
+        *to_square = square.total();
+        *to_cubic = cubic.total();
     }
 }
 

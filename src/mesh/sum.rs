@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 /// Numbers in one leaf of the tree. The bits of a sum depend on this constant.
-const BLOCK: usize = 4096;
+pub(crate) const LEAF: usize = 4096;
 /// Partial sums in a leaf, added in turn. The bits of a sum depend on this constant.
-const LANES: usize = 8;
+pub(crate) const LEAF_PARTS: usize = 8;
 /// Number of leaves from which several threads sum them. The bits of a sum do not depend on it.
-const PARALLEL_BLOCKS: usize = 8;
+const PARALLEL_LEAVES: usize = 8;
 
 /// Sum of `values` over a fixed tree; the same bits for any number of threads.
 ///
@@ -19,13 +19,13 @@ pub fn tree_sum(values: &[f64]) -> f64 {
 
 /// Sum of `value(i)` for `i` in `0..count` over the tree of [`tree_sum`].
 pub fn tree_sum_by(count: usize, value: impl Fn(usize) -> f64 + Sync) -> f64 {
-    let blocks = count.div_ceil(BLOCK);
-    let block = |b: usize| block_sum(b * BLOCK, ((b + 1) * BLOCK).min(count), &value);
-    match blocks {
+    let leaves = count.div_ceil(LEAF);
+    let leaf = |b: usize| leaf_sum(b * LEAF, ((b + 1) * LEAF).min(count), &value);
+    match leaves {
         0 => 0.0,
-        1 => block(0),
-        _ if blocks < PARALLEL_BLOCKS => pairwise(&(0..blocks).map(block).collect::<Vec<_>>()),
-        _ => pairwise(&(0..blocks).into_par_iter().map(block).collect::<Vec<_>>()),
+        1 => leaf(0),
+        _ if leaves < PARALLEL_LEAVES => pairwise(&(0..leaves).map(leaf).collect::<Vec<_>>()),
+        _ => pairwise(&(0..leaves).into_par_iter().map(leaf).collect::<Vec<_>>()),
     }
 }
 
@@ -55,10 +55,10 @@ impl NeumaierSum {
     }
 }
 
-fn block_sum(start: usize, end: usize, value: &impl Fn(usize) -> f64) -> f64 {
-    let mut lanes = [0.0; LANES];
-    let whole = start + (end - start) / LANES * LANES;
-    for base in (start..whole).step_by(LANES) {
+fn leaf_sum(start: usize, end: usize, value: &impl Fn(usize) -> f64) -> f64 {
+    let mut lanes = [0.0; LEAF_PARTS];
+    let whole = start + (end - start) / LEAF_PARTS * LEAF_PARTS;
+    for base in (start..whole).step_by(LEAF_PARTS) {
         for (k, lane) in lanes.iter_mut().enumerate() {
             *lane += value(base + k);
         }
@@ -69,7 +69,8 @@ fn block_sum(start: usize, end: usize, value: &impl Fn(usize) -> f64) -> f64 {
     pairwise(&lanes)
 }
 
-fn pairwise(values: &[f64]) -> f64 {
+/// The sum of the sums of leaves.
+pub(crate) fn pairwise(values: &[f64]) -> f64 {
     match values {
         [] => 0.0,
         [one] => *one,

@@ -90,6 +90,7 @@ impl Encode for Accuracy {
         match self {
             Self::Length(length) => to.field("length", length),
             Self::Share(share) => to.field("share", share),
+            Self::OfMotion(share) => to.field("of_motion", share),
         }
     }
 }

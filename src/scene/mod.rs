@@ -123,16 +123,9 @@ pub enum Accuracy {
     Length(f64),
     /// Error relative to the length of the shortest muscle.
     Share(f64),
-}
-
-impl Accuracy {
-    /// The error \[m\] for a muscle of length `muscle` \[m\].
-    pub fn length(self, muscle: f64) -> f64 {
-        match self {
-            Self::Length(length) => length,
-            Self::Share(share) => share * muscle,
-        }
-    }
+    /// Error relative to the motion: to the root mean square distance of all vertices from their places at the
+    /// start, in the frame where it is greatest.
+    OfMotion(f64),
 }
 
 /// Source of a surface.

@@ -7,6 +7,7 @@ use super::keys;
 use super::parse_muscle;
 use super::reader::{Item, Limit, Section};
 use super::solvers::{SOLVERS, Solver, SolverSpec};
+use super::tree::{Node, Value};
 use super::units::Dimension;
 
 /// Reads the effects; each is absent if its section is.
@@ -65,18 +66,34 @@ fn settings(spec: &SolverSpec, section: &Section<'_>) -> Result<Solver, SceneErr
     Ok(spec.with(&values))
 }
 
-/// Reads a requested accuracy: a length, or a share of the muscle's length.
+/// What follows a share that is one of the motion.
+const OF_MOTION: &str = "of motion";
+
+/// Reads a requested accuracy: a length, or a share of the muscle's length or of the motion.
 pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
     let number = item.text("1 %")?.trim().parse::<f64>().ok();
     if let Some(number) = number.filter(|n| n.is_finite()) {
         return item.fail(SceneProblem::UnitsRequired {
             found: format!("`{number}`"),
-            example: format!("\"{number} %\" of a muscle's length, or \"{number} mm\""),
+            example: format!(
+                "\"{number} %\" of a muscle's length, \"{number} % of motion\", or \"{number} mm\""
+            ),
             dimension: Dimension::Length,
         });
     }
     if item.text("1 %")?.trim_end().ends_with('%') {
         return Ok(Accuracy::Share(parse_muscle::share(item)?));
+    }
+    if let Some(share) = item.text("1 %")?.trim_end().strip_suffix(OF_MOTION) {
+        let node = Node {
+            value: Value::Text(share.trim_end().to_owned()),
+            ..item.node.clone()
+        };
+        let share = Item {
+            node: &node,
+            ..item.clone()
+        };
+        return Ok(Accuracy::OfMotion(parse_muscle::share(&share)?));
     }
     Ok(Accuracy::Length(
         item.quantity(Dimension::Length, Limit::Positive)?,

@@ -61,7 +61,7 @@ pub(crate) use body::Stepper;
 pub use fault::{Fault, LoadError};
 pub use measures::Measures;
 pub use plan::Plan;
-use refinement::Refinement;
+use refinement::{Asked, Refinement};
 pub use run::{Ended, Observer, run};
 pub(crate) use scenario::BodyState;
 pub use scenario::{
@@ -76,7 +76,7 @@ use crate::contact::capsule::Capsule;
 use crate::contact::meeting::Certificate;
 use crate::contact::{Obstacle, PartedPair, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
-use crate::scene::Scene;
+use crate::scene::{Accuracy, Scene};
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A simulation of muscles.
@@ -143,8 +143,12 @@ impl Simulation {
         let run = || Self::alone(scene.clone(), assets.clone(), plan.clone());
         let mut front = run()?;
         let lengths = front.bodies.iter().map(|body| body.length);
-        let target = accuracy.length(lengths.fold(f64::INFINITY, f64::min));
-        front.refinement = Some(Box::new(Refinement::new(run()?, run()?, usual, target)));
+        let asked = match accuracy {
+            Accuracy::Length(length) => Asked::Error(length),
+            Accuracy::Share(share) => Asked::Error(share * lengths.fold(f64::INFINITY, f64::min)),
+            Accuracy::OfMotion(share) => Asked::OfMotion(share, Box::new(run()?)),
+        };
+        front.refinement = Some(Box::new(Refinement::new(run()?, run()?, usual, asked)));
         front.scene.accuracy = Some(accuracy);
         Ok(front)
     }

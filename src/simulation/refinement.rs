@@ -8,12 +8,18 @@
 //! Both runs are therefore some frames ahead of the one that is shown. Where the error leaves the target, all
 //! frames that are not shown yet are made again, with more steps. Nothing here depends on the time that
 //! anything takes.
+//!
+//! How far the muscles move is known when a motion has ended. Where the error is a share of that, a first run
+//! with very few steps tells it.
 
+mod motion;
 mod rule;
 
 use std::collections::VecDeque;
 use std::time::Instant;
 
+pub(super) use motion::Asked;
+use motion::Pilot;
 use rule::{Effort, Rule};
 
 use super::frame::Stop;
@@ -31,6 +37,11 @@ const MOST_AHEAD: f64 = 96.0;
 pub struct Attained {
     /// Requested RMS error [m].
     pub target_m: f64,
+    /// How far the vertices are from their places at the start, RMS in the frame where it is most [m]; 0 if the
+    /// error is no share of it. A first run with few steps tells it.
+    pub motion_m: f64,
+    /// The time of that run [s].
+    pub motion_s: f64,
     /// Estimated RMS error of all vertices in the worst frame so far [m].
     pub error_m: f64,
     /// The frame with it.
@@ -65,6 +76,9 @@ pub(super) struct Refinement {
     fine: Simulation,
     coarse: Simulation,
     rule: Rule,
+    usual: f64,
+    /// The run that tells the motion, until it has.
+    pilot: Option<Pilot>,
     /// Both runs at the frame that is shown.
     shown: Both,
     /// Frames that are not shown yet.
@@ -96,9 +110,14 @@ struct Ahead {
 }
 
 impl Refinement {
-    /// The two runs of a scene from the start of a simulation, to an error of `target` [m].
-    pub fn new(fine: Simulation, coarse: Simulation, usual: u32, target: f64) -> Self {
+    /// The two runs of a scene from the start of a simulation, to the error that is asked for.
+    pub fn new(fine: Simulation, coarse: Simulation, usual: u32, asked: Asked) -> Self {
         let usual = f64::from(usual);
+        // What a run begins with until a motion is known has no effect.
+        let (target, pilot) = match asked {
+            Asked::Error(target) => (target, None),
+            Asked::OfMotion(share, run) => (0.0, Some(Pilot::new(*run, share, usual))),
+        };
         let rule = Rule::new(Effort::of(&fine, usual, target));
         let frames = fine.scene.frame_rate / USUAL_RATE;
         let count = fine.bodies.len();
@@ -111,10 +130,14 @@ impl Refinement {
             fine,
             coarse,
             rule,
+            usual,
+            pilot,
             ahead: VecDeque::new(),
             frames_ahead: (AHEAD * frames).ceil().clamp(1.0, MOST_AHEAD) as usize,
             attained: Attained {
                 target_m: target,
+                motion_m: 0.0,
+                motion_s: 0.0,
                 error_m: 0.0,
                 frame: 0,
                 muscles_m: vec![0.0; count],
@@ -167,6 +190,9 @@ impl Refinement {
 
     /// Brings `front` to its next frame. Returns false if it was stopped, and then all is as before.
     pub fn next(&mut self, front: &mut Simulation, stop: Stop<'_>) -> bool {
+        if !self.look_ahead(stop) {
+            return false;
+        }
         let last = front.scene.frames;
         while self.ahead.is_empty()
             || (self.ahead.len() < self.frames_ahead && self.fine.frame() < last)
@@ -178,6 +204,26 @@ impl Refinement {
         if let Some(frame) = self.ahead.pop_front() {
             self.show(front, frame);
         }
+        true
+    }
+
+    /// Finds the target, if it is a share of the motion. Returns false if it was stopped.
+    fn look_ahead(&mut self, stop: Stop<'_>) -> bool {
+        let Some(pilot) = &mut self.pilot else {
+            return true;
+        };
+        let begin = Instant::now();
+        let has_ended = pilot.runs_to_its_end(stop);
+        self.attained.motion_s += begin.elapsed().as_secs_f64();
+        if !has_ended {
+            return false;
+        }
+        (self.attained.target_m, self.attained.motion_m) = (pilot.target(), pilot.motion());
+        self.pilot = None;
+        let effort = Effort::of(&self.fine, self.usual, self.attained.target_m);
+        self.rule = Rule::new(effort);
+        effort.set(&mut self.fine, &mut self.coarse);
+        self.shown = self.both();
         true
     }
 
@@ -319,14 +365,19 @@ impl Refinement {
             // Made again.
             ahead: _,
             frames_ahead: _,
+            usual: _,
+            pilot,
             attained,
             errors,
         } = self;
+        to.put(&pilot.is_none());
         to.list(fine);
         to.list(coarse);
         rule.save(to);
         let Attained {
-            target_m: _,
+            target_m,
+            motion_m,
+            motion_s: _,
             error_m,
             frame,
             muscles_m,
@@ -337,7 +388,7 @@ impl Refinement {
             repeated,
             repeated_s: _,
         } = attained;
-        to.put(&[*error_m, *difference_m]);
+        to.put(&[*target_m, *motion_m, *error_m, *difference_m]);
         to.put(frame);
         to.put(repeated);
         to.list(muscles_m);
@@ -352,9 +403,10 @@ impl Refinement {
         front: &mut Simulation,
         from: &mut Reader<'_>,
     ) -> Result<(), DecodeError> {
+        let is_known = from.take::<bool>()?;
         let (fine, coarse): (Vec<u8>, Vec<u8>) = (from.take()?, from.take()?);
         self.rule.restore(from)?;
-        let [error_m, difference_m] = from.take()?;
+        let [target_m, motion_m, error_m, difference_m] = from.take()?;
         let (frame, repeated) = (from.take()?, from.take()?);
         let (muscles_m, errors): (Vec<f64>, Vec<f64>) = (from.take()?, from.take()?);
         let count = self.fine.bodies.len();
@@ -364,7 +416,12 @@ impl Refinement {
         )?;
         self.errors = errors;
         let (steps, tolerance) = (from.take()?, from.take()?);
+        if is_known {
+            self.pilot = None;
+        }
         self.attained = Attained {
+            target_m,
+            motion_m,
             error_m,
             difference_m,
             frame,

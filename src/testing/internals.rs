@@ -13,7 +13,7 @@ pub mod constraints {
     pub use crate::constraints::blocks::Block;
     pub use crate::constraints::direction::Direction;
     pub use crate::constraints::fibre_distance::FibreDistance;
-    pub use crate::constraints::kernel::{Kernel, LaneConstraint, Periodic};
+    pub use crate::constraints::kernel::{Kernel, LaneConstraint, MOST_NUMBERS, Periodic};
     pub use crate::constraints::lanes::{Lane, Several, SimdWidth};
     pub use crate::constraints::potential::Memory;
     pub use crate::constraints::second::Second;

@@ -87,7 +87,7 @@ fn p42_order_within_a_colour_changes_no_bit() {
     let mut reference: Vec<Box<dyn Project>> = vec![Box::new(coloured.clone())];
     let reference = with_threads(1, || sweep(&mut reference, &x));
     for _ in 0..3 {
-        let mut shuffled = coloured.constraints().to_vec();
+        let mut shuffled = coloured.constraints();
         for range in &coloured.schedule().colours {
             for i in (range.start + 1..range.end).rev() {
                 shuffled.swap(i, range.start + draw.index(i + 1 - range.start));

@@ -8,7 +8,7 @@ use pliant::constraints::{
 };
 use pliant::mesh::shapes::icosphere;
 use pliant::testing::Draw;
-use pliant::testing::internals::constraints::{Kernel, Periodic};
+use pliant::testing::internals::constraints::{Kernel, MOST_NUMBERS, Periodic};
 use pliant::testing::internals::constraints::{Lane, LaneConstraint, Several, SimdWidth};
 
 use crate::bodies::{bits, edges, finite, hinges};
@@ -94,7 +94,7 @@ fn swept<C: Constraint<K>, const K: usize>(
             multipliers,
             skipped: batch.usage().skipped,
         },
-        batch.constraints().to_vec(),
+        batch.constraints(),
     )
 }
 
@@ -253,8 +253,11 @@ impl<const ON_BRANCH: bool> Periodic<4> for OneByOne<ON_BRANCH> {
     fn branch(&self) -> f64 {
         self.0.branch()
     }
-    fn set_branch(&mut self, value: f64) {
-        self.0.set_branch(value);
+    fn set_branch(&mut self, branch: f64) {
+        self.0.set_branch(branch);
+    }
+    fn branch_of(&self, value: f64) -> f64 {
+        self.0.branch_of(value)
     }
 }
 
@@ -313,17 +316,25 @@ impl<const HOW: usize> Constraint<2> for Wrong<HOW> {
 
 impl<const HOW: usize> LaneConstraint<2> for Wrong<HOW> {
     const UNIT: bool = true;
+    const NUMBERS: usize = 1;
+
+    fn numbers(&self) -> [f64; MOST_NUMBERS] {
+        self.0.numbers()
+    }
 
     #[inline(always)]
-    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
+    fn in_lanes<N: Lane>(
+        machine: N::Machine,
+        numbers: [N; MOST_NUMBERS],
+        x: &[[N; 3]; 2],
+    ) -> Several<N, 2> {
         let mut at = *x;
         if N::COUNT > 1 && HOW == 1 {
             // The sum of squares in another order.
             at.iter_mut().for_each(|p| p.reverse());
         }
-        let rest = N::each(machine, |l| these[l].0.rest);
-        let mut found =
-            Distance::in_lanes::<N>(&these.iter().map(|w| w.0).collect::<Vec<_>>(), machine, &at);
+        let [rest, ..] = numbers;
+        let mut found = Distance::in_lanes::<N>(machine, numbers, &at);
         if N::COUNT > 1 && HOW == 1 {
             found.gradient.iter_mut().for_each(|g| g.reverse());
         }
@@ -336,8 +347,10 @@ impl<const HOW: usize> LaneConstraint<2> for Wrong<HOW> {
         if N::COUNT > 1 && HOW == 3 {
             let last = N::COUNT - 1;
             // Another constraint's rest length in one lane.
+            let mut rests = [0.0; 8];
+            rest.store(&mut rests);
             found.value =
-                found.value + rest - N::each(machine, |l| these[l - usize::from(l == last)].0.rest);
+                found.value + rest - N::each(machine, |l| rests[l - usize::from(l == last)]);
         }
         found
     }

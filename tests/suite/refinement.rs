@@ -98,6 +98,36 @@ fn scene_length(scene: &Scene) -> f64 {
 }
 
 #[test]
+fn a_share_of_the_motion_is_one_of_the_motion_that_the_result_has() {
+    let [Case { scene, reference }, _] = cases();
+    let (exact, _) = run(&with_steps(&scene, reference));
+    let start: Vec<_> = Simulation::new(scene.clone()).expect("meshes").bodies[0]
+        .system
+        .particles
+        .position
+        .clone();
+    let moved = FrameDistance::between(&vec![start; exact.len()], &exact).rms;
+    let asked = Scene {
+        accuracy: Some(Accuracy::OfMotion(0.03)),
+        ..scene.clone()
+    };
+    let (frames, attained) = run(&asked);
+    let attained = attained.expect("an accuracy");
+    assert!(
+        (attained.motion_m - moved).abs() <= 0.05 * moved,
+        "{attained:?} {moved}"
+    );
+    let error = FrameDistance::between(&exact, &frames).rms;
+    assert!(
+        attained.is_reached() && error <= 0.03 * moved,
+        "{error} {attained:?}"
+    );
+    assert!(attained.target_m <= 0.03 * moved);
+    // Control: the muscle does not move by its length.
+    assert!(moved <= 0.7 * scene_length(&scene), "{moved}");
+}
+
+#[test]
 fn equilibria_have_an_accuracy_by_their_tolerance() {
     let [Case { mut scene, .. }, _] = cases();
     // Half of the way there, without bones to slide on: a net of springs can fold in different ways.

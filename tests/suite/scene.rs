@@ -11,8 +11,8 @@ use std::path::{Path, PathBuf};
 use pliant::scene::Minimisation;
 use pliant::scene::builtin::{BUILTIN, builtin, load, load_content, load_with};
 use pliant::scene::{
-    self, AreaSpec, Content, Mass, Scene, SceneError, Solver, Source, Support, Surroundings,
-    SweepOrder, parse_content,
+    self, Accuracy, AreaSpec, Content, Mass, Scene, SceneError, Solver, Source, Support,
+    Surroundings, SweepOrder, parse_content,
 };
 use pliant::skin::{ImplantPlace, SILICONE, Tissue};
 use pliant::springs::Neighbours;
@@ -286,6 +286,13 @@ fn changed(name: &str, overrides: &[&str]) -> Scene {
 
 #[test]
 fn overrides_change_what_they_name() {
+    let accuracy = |text: &str| changed("hip", &[text]).accuracy;
+    assert_eq!(
+        accuracy("accuracy=2 % of motion"),
+        Some(Accuracy::OfMotion(0.02))
+    );
+    assert_eq!(accuracy("accuracy=2 %"), Some(Accuracy::Share(0.02)));
+    assert_eq!(accuracy("accuracy=2 mm"), Some(Accuracy::Length(2e-3)));
     let friction = |overrides: &[&str]| {
         changed("hip", overrides)
             .effects

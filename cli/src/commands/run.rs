@@ -56,7 +56,7 @@ pub(super) struct Arguments {
     /// Number of frames, instead of the number in the scene
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     frames: Option<u32>,
-    /// Permitted error, "0.5 mm" or "1 %" of the muscle's length: the number of steps
+    /// Permitted error, "0.5 mm", "1 %" of the muscle's length or "1 % of motion": the number of steps
     /// follows the error of each frame, which a second run beside it tells
     #[arg(long, value_name = "ERROR")]
     accuracy: Option<String>,

@@ -71,6 +71,9 @@ refused! {
     e051_limit: with("[[muscle.attachment]]\nbone = 'femur'\nnear = '1 mm'\nlimit = '101 %'\n") =>
         "s.toml:12:9: error[E051]: muscle.0.attachment.0.limit: `101 %` is not allowed here; \
          give a ratio greater than zero and at most 100 %";
+    e051_more_than_the_motion: spoilt("frames = 3", "frames = 3\naccuracy = '101 % of motion'") =>
+        "s.toml:2:12: error[E051]: accuracy: `101 %` is not allowed here; \
+         give a ratio greater than zero and at most 100 %";
     e051_component: with("[[muscle.attachment]]\nbone = 'femur'\npatch = 'patch.obj#-1'\n") =>
         "s.toml:11:9: error[E051]: muscle.0.attachment.0.patch: `#-1` is not allowed here; \
          give the number of a component behind the `#`, 0 for the largest";

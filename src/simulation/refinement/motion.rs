@@ -1,0 +1,89 @@
+//! An error that is a share of the motion: a first run with very few steps tells how far the muscles move.
+
+use nalgebra::Point3;
+
+use super::super::Simulation;
+use super::super::frame::Stop;
+use crate::mesh::measures::max_or_nan;
+
+/// Number of steps of that run, relative to the usual one, and the least one.
+const STEPS: f64 = 0.1;
+const LEAST: f64 = 4.0;
+
+/// Tolerance of its equilibria.
+const TOLERANCE: f64 = 1e-2;
+
+/// The error is asked to be at most this part of the share: the motion of so few steps is known to about a
+/// twentieth.
+const SAFE: f64 = 0.95;
+
+/// The error that is asked for.
+pub(in crate::simulation) enum Asked {
+    /// RMS over the vertices of a frame [m].
+    Error(f64),
+    /// This share of the motion, which the run tells.
+    OfMotion(f64, Box<Simulation>),
+}
+
+/// A run that tells how far the muscles move.
+pub(super) struct Pilot {
+    run: Simulation,
+    share: f64,
+    start: Vec<Vec<Point3<f64>>>,
+    /// RMS distance of the vertices from the start in the worst frame so far [m].
+    motion: f64,
+}
+
+impl Pilot {
+    pub fn new(mut run: Simulation, share: f64, usual: f64) -> Self {
+        if run.scene.solver.has_inertia() {
+            let steps = STEPS * usual;
+            run.control
+                .tell(if steps > LEAST { steps } else { LEAST } as u32);
+        } else {
+            run.set_tolerance(TOLERANCE);
+        }
+        let bodies = run.bodies.iter();
+        let start = bodies.map(|body| body.system.particles.position.clone());
+        Self {
+            start: start.collect(),
+            run,
+            share,
+            motion: 0.0,
+        }
+    }
+
+    /// Computes what is left of it. Returns false if it was stopped.
+    pub fn runs_to_its_end(&mut self, stop: Stop<'_>) -> bool {
+        while self.run.frame() < self.run.scene.frames {
+            if !self.run.compute_frame(stop) {
+                return false;
+            }
+            let (mut sum, mut count) = (0.0, 0);
+            for (body, start) in self.run.bodies.iter().zip(&self.start) {
+                let now = body.system.particles.position.iter();
+                sum += now
+                    .zip(start)
+                    .map(|(a, b)| (a - b).norm_squared())
+                    .sum::<f64>();
+                count += start.len();
+            }
+            let moved = (sum / count.max(1) as f64).sqrt();
+            self.motion = max_or_nan([self.motion, moved]);
+            if self.run.bodies.iter().all(|body| body.stopped.is_some()) {
+                break;
+            }
+        }
+        true
+    }
+
+    /// RMS distance of the vertices from the start in the worst frame [m].
+    pub fn motion(&self) -> f64 {
+        self.motion
+    }
+
+    /// The error that is asked for [m].
+    pub fn target(&self) -> f64 {
+        SAFE * self.share * self.motion
+    }
+}
