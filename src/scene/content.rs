@@ -474,6 +474,9 @@ impl SpringsDamping {
     }
 }
 
+/// Names of single and double precision.
+pub const PRECISIONS: [&str; 2] = ["f32", "f64"];
+
 /// The course of a spring system to rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RestCourse {
@@ -489,6 +492,20 @@ pub struct RestCourse {
     pub adaptive: bool,
     /// Greatest force at rest, relative to the force at a strain of one.
     pub tolerance: f64,
+    /// Whether the numbers of a lattice have single precision.
+    pub is_single: bool,
+}
+
+impl RestCourse {
+    /// Name of the precision of the numbers: f32 or f64.
+    pub fn precision(&self) -> &'static str {
+        PRECISIONS[usize::from(!self.is_single)]
+    }
+
+    /// Whether steps of a lattice need no list of springs.
+    pub fn is_by_rows(&self) -> bool {
+        self.integrator == INTEGRATORS[0] && !self.adaptive
+    }
 }
 
 impl Default for RestCourse {
@@ -500,6 +517,7 @@ impl Default for RestCourse {
             time_step: None,
             adaptive: false,
             tolerance: 1e-6,
+            is_single: false,
         }
     }
 }

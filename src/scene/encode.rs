@@ -489,6 +489,7 @@ impl Encode for RestCourse {
             time_step,
             adaptive,
             tolerance,
+            is_single: _,
         } = self;
         to.field("shrink", shrink);
         to.field("held", held);
@@ -496,6 +497,7 @@ impl Encode for RestCourse {
         to.field("time_step", time_step);
         to.field("adaptive", adaptive);
         to.field("tolerance", tolerance);
+        to.choice(self.precision());
     }
 }
 

@@ -36,7 +36,7 @@ pub mod units;
 pub use builder::SceneBuilder;
 pub use content::OF_MUSCLES;
 pub use content::{
-    FillCourse, ImplantFill, LatticeScene, Measure, RestCourse, SkinScene, SkinSurface,
+    FillCourse, ImplantFill, LatticeScene, Measure, PRECISIONS, RestCourse, SkinScene, SkinSurface,
     SpringsDamping, Support,
 };
 pub use effects::EFFECTS;

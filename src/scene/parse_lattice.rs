@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::SceneOrigin;
-use super::content::{LatticeScene, RestCourse, SpringsDamping};
+use super::content::{LatticeScene, PRECISIONS, RestCourse, SpringsDamping};
 use super::error::{SceneError, SceneProblem};
 use super::parse::unknown_name;
 use super::reader::{Limit, Section};
@@ -159,5 +159,14 @@ fn course(section: &Section<'_>) -> Read<RestCourse> {
             .transpose()?,
         adaptive: flag("adaptive", default.adaptive)?,
         tolerance: below_one("tolerance", Limit::Positive, default.tolerance)?,
+        is_single: match section.get("precision") {
+            None => default.is_single,
+            Some(item) => {
+                let name = item.text(default.precision())?;
+                let known = PRECISIONS.into_iter();
+                let place = known.clone().position(|known| known == name);
+                place.ok_or_else(|| item.error(unknown_name("precision", name, known)))? == 0
+            }
+        },
     })
 }

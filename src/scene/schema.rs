@@ -155,6 +155,7 @@ const REST: Schema = Schema::Listed(&[
     ("time_step", Text),
     ("adaptive", Plain),
     ("tolerance", Plain),
+    ("precision", Text),
 ]);
 
 pub(super) const BONE: Schema = Schema::Listed(&[

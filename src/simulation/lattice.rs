@@ -224,25 +224,8 @@ fn surface(shape: &LatticeShape) -> (Vec<[usize; 3]>, TriangleMesh) {
             points.len() as u32 - 1
         })
     };
-    let mut triangles = Vec::new();
-    for axis in 0..3 {
-        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-        let last = shape.points.map(|n| n - 1);
-        for side in [0, last[axis]] {
-            for (i, j) in (0..last[u]).flat_map(|i| (0..last[v]).map(move |j| (i, j))) {
-                let mut corner = |a: usize, b: usize| {
-                    let mut p = [0; 3];
-                    (p[axis], p[u], p[v]) = (side, i + a, j + b);
-                    number(p)
-                };
-                let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
-                triangles.extend(
-                    [[a, b, c], [a, c, d]]
-                        .map(|[p, q, r]| if side == 0 { [p, r, q] } else { [p, q, r] }),
-                );
-            }
-        }
-    }
+    let triangles = shape.faces().map(|corners| corners.map(&mut number));
+    let triangles = triangles.collect();
     let vertices = points.iter().map(|&p| Point3::from(shape.at(p))).collect();
     (
         points,

@@ -29,6 +29,7 @@ mod advance;
 mod aligned;
 mod error;
 mod kernel;
+mod measure;
 mod rest;
 mod shape;
 pub(crate) mod stability;
@@ -112,6 +113,21 @@ impl LatticeSettings {
     pub fn damping_estimate(&self, shape: &LatticeShape) -> f64 {
         self.body(shape)
             .map_or(0.0, |body| damping::estimate(self.neighbours, body))
+    }
+
+    /// The greatest row sum of the stiffness matrix at rest: twice the stiffness of all springs of an inner
+    /// point \[N/m\].
+    pub fn row_sum(&self, shape: &LatticeShape) -> f64 {
+        let inner = shape.points.map(|n| n / 2);
+        let all = stability::directions(shape, self);
+        let both = all.iter().flat_map(|d| [(d, 1), (d, -1)]);
+        let sum = both.filter(|(d, sign)| {
+            (0..3).all(|c| {
+                let at = inner[c] as i64 + sign * i64::from(d.step[c]);
+                (0..shape.points[c] as i64).contains(&at)
+            })
+        });
+        sum.map(|(d, _)| 2.0 * d.stiffness).sum()
     }
 
     fn check(&self) -> Result<(), LatticeError> {

@@ -32,12 +32,17 @@ impl RestSettings {
             .iter()
             .for_each(|f| f.add_row_sums(&system.position, &mut sums));
         let size = Aabb::of_points(&system.position).extents().norm();
-        let spacing = size / (system.len() as f64).cbrt();
-        let stiffest = max_or_nan(sums);
-        let force = share * stiffest * spacing;
+        Self::of(max_or_nan(sums), size, system.len(), share)
+    }
+
+    /// The same for `count` points in a box with this diagonal [m], and the greatest row sum of the stiffness
+    /// [N/m].
+    pub(crate) fn of(row_sum: f64, size: f64, count: usize, share: f64) -> Self {
+        let spacing = size / (count as f64).cbrt();
+        let force = share * row_sum * spacing;
         Self {
             force,
-            energy: share * force * spacing * system.len() as f64,
+            energy: share * force * spacing * count as f64,
         }
     }
 

@@ -20,7 +20,7 @@ use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use crate::report::springs::Summary;
 use nearing::Nearing;
-use pliant::scene::Content;
+use pliant::scene::{Content, PRECISIONS};
 use pliant::simulation::{self, Ended, Observer, Scenario, SpringsRun};
 use pliant::springs::integrators::INTEGRATORS;
 use pliant::springs::{Neighbours, RestEnd};
@@ -81,6 +81,9 @@ pub(super) struct Arguments {
     /// Integrator
     #[arg(long, value_name = "NAME", default_value = "verlet", value_parser = INTEGRATORS)]
     integrator: String,
+    /// Precision of a lattice: f64, or f32 for steps of twice the speed that tell rest less finely
+    #[arg(long, value_name = "F", default_value = "f64", value_parser = PRECISIONS)]
+    precision: String,
     /// Adaptive time step: it grows while it is stable; an unstable step is repeated with half the
     /// length
     #[arg(long)]
@@ -181,7 +184,7 @@ fn prepared(arguments: &Arguments) -> Result<Option<Prepared>, Failure> {
             if arguments.print.is_given(made.text()) {
                 return Ok(None);
             }
-            memory::check(points, arguments.neighbours.unwrap_or(Neighbours::Six))?;
+            memory::check(&scene)?;
             let run = SpringsRun::of_lattice(&scene);
             (run.map_err(|error| made.of_load(error))?, Vec::new())
         }
@@ -209,7 +212,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         mut notes,
         undamped,
     } = prepared;
-    let path = arguments.output.folder(run.name(), "springs");
+    run.skip_to(arguments.every.map(|every| every as usize));
+    let path = arguments.output.folder(&run.name, "springs");
     let mut record = Record::begin(Folder::open(&path)?, &run, arguments.every)?;
     if undamped {
         note(
@@ -220,12 +224,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         bar: Bar::of_steps(run.frames()),
         nearing: Nearing::new(run.frames(), run.rest),
         record: &mut record,
+        begun,
+        first_step_s: None,
     };
     let until_raised = |_: &str, _: usize, _: usize| if_raised(&stop);
     let ended = simulation::run(&mut run, &mut [&mut watch], &until_raised);
-    let Watch { bar, nearing, .. } = watch;
+    let Watch {
+        bar,
+        nearing,
+        first_step_s,
+        ..
+    } = watch;
     bar.end();
-    let summary = Summary::of(&run);
+    let mut summary = Summary::of(&run);
+    summary.first_step_s = first_step_s;
     let hint = (summary.end_of_run == RestEnd::Steps).then(|| {
         if undamped {
             NEVER.to_owned()
@@ -249,6 +261,8 @@ struct Watch<'a> {
     record: &'a mut Record,
     bar: Bar,
     nearing: Nearing,
+    begun: Instant,
+    first_step_s: Option<f64>,
 }
 
 impl Observer<SpringsRun> for Watch<'_> {
@@ -257,6 +271,8 @@ impl Observer<SpringsRun> for Watch<'_> {
     }
 
     fn frame(&mut self, run: &SpringsRun, _: Duration) -> ControlFlow<()> {
+        self.first_step_s
+            .get_or_insert_with(|| self.begun.elapsed().as_secs_f64());
         self.record.step(run);
         self.bar.step(&run.last);
         self.nearing.step(&run.last);

@@ -16,6 +16,10 @@ pub struct Summary {
     points_held: usize,
     springs: usize,
     neighbours: u32,
+    precision: &'static str,
+    device: &'static str,
+    /// How the steps are computed: rows of a lattice, or a list of springs.
+    method: &'static str,
     integrator: String,
     pub(crate) adaptive: bool,
     mass_kg: f64,
@@ -30,6 +34,12 @@ pub struct Summary {
     pub end: String,
     /// Number of steps.
     pub steps: usize,
+    /// Time of a step, in the mean over all [ms].
+    ms_per_step: Option<f64>,
+    /// Time from the start of the command to the end of the first step [s]; of the command `springs` alone.
+    pub first_step_s: Option<f64>,
+    /// Greatest memory of the process so far [bytes], where the system tells it.
+    peak_bytes: Option<u64>,
     steps_wanted: usize,
     simulated_s: f64,
     residual_force_n: f64,
@@ -46,7 +56,7 @@ pub struct Summary {
 impl Summary {
     /// The results of a run that has ended.
     pub fn of(run: &SpringsRun) -> Self {
-        let (system, last, rest) = (&run.model.system, &run.last, &run.rest);
+        let (last, rest) = (&run.last, &run.rest);
         let rows = Stiffest {
             mode: Mode {
                 angular_frequency_squared: run.stiffest.bound,
@@ -62,14 +72,20 @@ impl Summary {
             RestEnd::Stopped
         });
         Self {
-            points: system.len(),
-            points_held: system.pinned().iter().filter(|p| **p).count(),
-            springs: run.model.lines.len(),
-            neighbours: run.model.neighbours.count(),
+            points: run.count(),
+            points_held: run.held().iter().filter(|p| **p).count(),
+            springs: run.springs,
+            neighbours: run.neighbours.count(),
+            precision: run.course.precision(),
+            device: "cpu",
+            method: match run.is_by_rows() {
+                true => "rows",
+                false => "list",
+            },
             integrator: integrator.to_owned(),
             adaptive: run.course.adaptive,
-            mass_kg: system.mass()[0],
-            damping_ns_m: system.damping,
+            mass_kg: run.mass(),
+            damping_ns_m: run.damping(),
             damping_estimate_ns_m: run.damping_estimate,
             dt_s: run.time_step,
             stability_limit_s: run.longest,
@@ -78,6 +94,9 @@ impl Summary {
             at_rest: end == RestEnd::Rest,
             end: in_words(end, run),
             steps: last.step,
+            ms_per_step: (last.step > 0).then(|| run.steps_s * 1e3 / last.step as f64),
+            first_step_s: None,
+            peak_bytes: peak(),
             steps_wanted: run.frames(),
             simulated_s: run.time,
             residual_force_n: last.residual,
@@ -104,6 +123,14 @@ impl Summary {
         };
         vec![rest, step]
     }
+}
+
+/// Greatest memory of the process [bytes].
+fn peak() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let kilobytes = line.split_whitespace().next()?.parse::<u64>().ok()?;
+    kilobytes.checked_mul(1024)
 }
 
 fn in_words(end: RestEnd, run: &SpringsRun) -> String {
@@ -153,6 +180,13 @@ pub fn settings(s: &Summary) -> Table {
             format!("{}, {} of them held", s.points, s.points_held),
         ),
         ("springs", s.springs.to_string()),
+        (
+            "computed by",
+            match s.method {
+                "rows" => format!("rows of the lattice, {}", s.precision),
+                _ => format!("a list of springs, {}", s.precision),
+            },
+        ),
         ("integrator", format!("{}{adaptive}", s.integrator)),
         ("mass of a point", format!("{} kg", number(s.mass_kg))),
         (

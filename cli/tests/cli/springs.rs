@@ -105,6 +105,9 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
         let done = pliant().args(fixed).args(more).output().unwrap();
         let mut said: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
         said["time_s"] = 0.into();
+        for measured in ["ms_per_step", "first_step_s", "peak_bytes"] {
+            said["springs"][measured] = 0.into();
+        }
         (done.status.code(), said)
     };
     let one = of(&["--threads", "1", "--neighbours", "26"]);
@@ -120,6 +123,26 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
         );
     }
     assert_eq!(of(&["--adaptive", "--dt", "3"]).0, Some(0));
+    // The same lattice in single precision, by rows, and in double precision by a list.
+    let coarse = of(&["--precision", "f32", "--tolerance", "1e-4"]);
+    let [fine, list] = [&[][..], &["--adaptive"]].map(|more| of(more));
+    for (told, precision, method) in [
+        (&coarse, "f32", "rows"),
+        (&fine, "f64", "rows"),
+        (&list, "f64", "list"),
+    ] {
+        let said = &told.1["springs"];
+        assert_eq!(
+            (told.0, &said["precision"], &said["method"]),
+            (Some(0), &precision.into(), &method.into())
+        );
+        let stored = |of: &Value| of["spring_energy_j"].as_f64().unwrap();
+        let (energy, known) = (stored(said), stored(&list.1["springs"]));
+        assert!(
+            (energy - known).abs() <= 1e-3 * known,
+            "{precision}: {energy} {known}"
+        );
+    }
     // Too few steps: the result fails.
     let (code, said) = of(&["--steps", "3"]);
     assert_eq!(
@@ -193,7 +216,7 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
     let out = scratch.join("out");
     let file = scratch.join("bad.springs");
     fs::write(&file, "2 1\n0 0 0 m\n1 0 0 x\n").unwrap();
-    let cases: [(&[&str], &str); 15] = [
+    let cases: [(&[&str], &str); 18] = [
         (
             &[shown(&file)],
             "bad.springs:3:7: error[E042]: expected m (surface point) or i",
@@ -220,8 +243,27 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
         (&["--lattice", "5x5x5", "--neighbours", "7"], "6 or 26"),
         (&[FILE, "--neighbours", "26"], "cannot be used with"),
         (
-            &["--lattice", "5x5x5", "--mass", "1e-300"],
+            &["--lattice", "5x5x5", "--mass", "1e-320"],
             "give a greater --mass",
+        ),
+        (
+            &["--lattice", "5x5x5", "--precision", "f32"],
+            "give a greater --tolerance, or --precision f64",
+        ),
+        (
+            &[
+                "--lattice",
+                "5x5x5",
+                "--precision",
+                "f32",
+                "--integrator",
+                "rk4",
+            ],
+            "leave --precision out, or take --integrator verlet",
+        ),
+        (
+            &[FILE, "--precision", "f32"],
+            "single precision is for lattices",
         ),
         (
             &["--lattice", "5x5x5", "--side", "1e200"],

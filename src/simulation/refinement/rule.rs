@@ -9,7 +9,7 @@ const RATIO: u32 = 2;
 /// Error relative to the distance of the two runs: where steps are as many as stability and stiffness ask
 /// for, and what it rises by for each halving of their number. There are too few sweeps then, and both runs
 /// lag behind alike.
-const OF_DISTANCE: f64 = 0.5;
+const OF_DISTANCE: f64 = 0.65;
 const FOR_HALF: f64 = 0.4;
 const MOST_OF_DISTANCE: f64 = 1.6;
 
@@ -45,10 +45,11 @@ const LESS: f64 = 0.8;
 /// What more steps do not lessen is accepted up to this multiple of it.
 const ACCEPTED: f64 = 1.25;
 
-/// For this error, relative to the length of the shortest muscle, a run begins with the usual steps; for
-/// another one in proportion, within these factors. That is more than most motions need: where errors add
-/// up, steps that are few at first are never made good.
+/// For this error, relative to the length of the shortest muscle, a run begins with half of the usual steps;
+/// for another one with more as the root of it, within these factors. Where errors add up, steps that are few
+/// at first are never made good; too many at first cost most where a motion is short.
 const USUAL_ERROR: f64 = 1e-2;
+const FIRST: f64 = 0.5;
 const GUESSES: (f64, f64) = (0.25, 4.0);
 
 /// Least and greatest number of steps of a frame, relative to the usual one: with fewer, surfaces fold that
@@ -81,7 +82,10 @@ impl Effort {
         };
         match effort.usual {
             None => effort,
-            Some(usual) => effort.times((USUAL_ERROR / share).clamp(GUESSES.0, GUESSES.1) * usual),
+            Some(usual) => {
+                let guess = FIRST * (USUAL_ERROR / share).sqrt();
+                effort.times(guess.clamp(GUESSES.0, GUESSES.1) * usual)
+            }
         }
     }
 

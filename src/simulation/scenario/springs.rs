@@ -20,7 +20,7 @@ impl Scenario for SpringsRun {
     }
 
     fn name(&self) -> &str {
-        &self.model.name
+        &self.name
     }
 
     fn frames(&self) -> usize {
@@ -40,23 +40,22 @@ impl Scenario for SpringsRun {
     }
 
     fn description(&self) -> SceneDescription {
-        let model = &self.model;
         let rest = TriangleMesh {
-            vertices: self.rest_position.clone(),
-            triangles: model.triangles.clone(),
+            vertices: self.rest_positions().into_owned(),
+            triangles: self.triangles.clone(),
         };
-        let held = model.system.pinned().iter();
-        let held = held.map(|pinned| f64::from(u8::from(*pinned))).collect();
+        let held = self.held().into_iter();
+        let held = held.map(|held| f64::from(u8::from(held))).collect();
         let mut edges = Vec::new();
-        for (&points, &rest) in model.lines.iter().zip(&model.rest_lengths) {
+        for (&points, &rest) in self.lines.iter().zip(&self.rest_lengths) {
             if rest > 0.0 {
                 edges.push(Distance { points, rest });
             }
         }
         let body = BodyDescription {
             edges,
-            lines: model.lines.iter().map(|ends| ends.to_vec()).collect(),
-            ..BodyDescription::of_surface(&model.name, rest, held, &mut HashSet::new())
+            lines: self.lines.iter().map(|ends| ends.to_vec()).collect(),
+            ..BodyDescription::of_surface(&self.name, rest, held, &mut HashSet::new())
         };
         SceneDescription {
             bodies: vec![body],
@@ -70,8 +69,10 @@ impl Scenario for SpringsRun {
     }
 
     fn bodies(&self) -> Vec<BodyState> {
-        let system = &self.model.system;
-        vec![(system.position.clone(), system.velocity.clone())]
+        vec![(
+            self.positions().into_owned(),
+            self.velocities().into_owned(),
+        )]
     }
 
     fn state(&self) -> FrameState {

@@ -73,9 +73,10 @@ impl LatticeShape {
 
     /// Rest positions of all points \[m\].
     pub fn positions(&self) -> Vec<Point3<f64>> {
-        self.each()
-            .map(|point| Point3::from(self.at(point)))
-            .collect()
+        // Growing lists take half as much again.
+        let mut all = Vec::with_capacity(self.count());
+        all.extend(self.each().map(|point| Point3::from(self.at(point))));
+        all
     }
 
     /// The indices of the points on the surface.
@@ -85,6 +86,38 @@ impl LatticeShape {
             .filter(|(_, point)| self.on_surface(*point))
             .map(|(p, _)| p)
             .collect()
+    }
+
+    /// The outward triangles between the points on the surface.
+    pub fn faces(&self) -> impl Iterator<Item = [[usize; 3]; 3]> + use<> {
+        let last = self.points.map(|n| n - 1);
+        let sides = (0..3).flat_map(move |axis| [(axis, 0), (axis, last[axis])]);
+        sides.flat_map(move |(axis, side)| {
+            let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+            let cells = (0..last[u]).flat_map(move |i| (0..last[v]).map(move |j| (i, j)));
+            cells.flat_map(move |(i, j)| {
+                let corner = |a: usize, b: usize| {
+                    let mut p = [0; 3];
+                    (p[axis], p[u], p[v]) = (side, i + a, j + b);
+                    p
+                };
+                let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+                [[a, b, c], [a, c, d]]
+                    .map(|[p, q, r]| if side == 0 { [p, r, q] } else { [p, q, r] })
+            })
+        })
+    }
+
+    /// Index of a point, x running fastest.
+    pub fn index(&self, [i, j, k]: [usize; 3]) -> u32 {
+        let [nx, ny, _] = self.points;
+        ((k * ny + j) * nx + i) as u32
+    }
+
+    /// The point of an index.
+    pub fn point(&self, index: u32) -> [usize; 3] {
+        let ([nx, ny, _], index) = (self.points, index as usize);
+        [index % nx, index / nx % ny, index / (nx * ny)]
     }
 
     /// Length of the longest side \[m\], and the spacing along it; `None` if no side has two

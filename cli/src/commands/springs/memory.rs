@@ -1,14 +1,18 @@
 //! The memory of a lattice.
 
 use super::super::failure::Failure;
-use pliant::springs::Neighbours;
+use pliant::scene::LatticeScene;
 
 /// Assumed memory if the operating system does not report it [bytes].
 const MEMORY: u64 = 8 << 30;
 
-/// Memory of a point and of a spring during construction and run, including the results [bytes].
+/// Memory of a point and of a spring with a list of springs, during construction and run, including the
+/// results [bytes].
 const POINT_BYTES: u64 = 640;
 const SPRING_BYTES: u64 = 200;
+
+/// Memory of a point by rows: its two positions, and what the results need of it.
+const RESULT_BYTES: u64 = 140;
 
 /// Available memory [bytes].
 fn memory() -> u64 {
@@ -23,10 +27,18 @@ fn memory() -> u64 {
 }
 
 /// Rejects a lattice that does not fit into memory.
-pub(super) fn check(points: [usize; 3], neighbours: Neighbours) -> Result<(), Failure> {
+pub(super) fn check(scene: &LatticeScene) -> Result<(), Failure> {
+    let course = scene.rest.clone().unwrap_or_default();
     // A lattice has at most 2^30 points and 13 springs each: neither product overflows.
-    let count = points.iter().product::<usize>() as u64;
-    let needed = count * POINT_BYTES + neighbours.springs(points) as u64 * SPRING_BYTES;
+    let count = scene.points.iter().product::<usize>() as u64;
+    let needed = match (course.is_by_rows(), course.is_single) {
+        (true, true) => count * (RESULT_BYTES + 24),
+        (true, false) => count * (RESULT_BYTES + 48),
+        (false, _) => {
+            let springs = scene.neighbours.springs(scene.points) as u64;
+            count * POINT_BYTES + springs * SPRING_BYTES
+        }
+    };
     let memory = memory();
     if needed <= memory {
         return Ok(());

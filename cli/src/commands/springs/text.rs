@@ -3,7 +3,7 @@
 use super::super::failure::Failure;
 use super::super::scene_text::{SceneText, number, quoted};
 use super::Arguments;
-use pliant::scene::{RestCourse, SpringsDamping};
+use pliant::scene::{PRECISIONS, RestCourse, SpringsDamping};
 use pliant::simulation::SpringsModelError;
 use pliant::springs::Neighbours;
 use pliant::springs::integrators::INTEGRATORS;
@@ -16,6 +16,10 @@ const WORDS: &[(&str, &str)] = &[
     ("`time_step`", "--dt"),
     ("`damping`", "--damping"),
     ("`points`", "--lattice"),
+    ("`tolerance`", "--tolerance"),
+    ("`precision = \"f64\"`", "--precision f64"),
+    ("`precision`", "--precision"),
+    ("`integrator = \"verlet\"`", "--integrator verlet"),
     ("`side`", "--side"),
     ("`mass`", "--mass"),
 ];
@@ -61,6 +65,9 @@ pub(super) fn scene(arguments: &Arguments, points: [usize; 3], frames: usize) ->
     }
     made.put("adaptive", arguments.adaptive.to_string(), "--adaptive");
     made.put("tolerance", number(arguments.tolerance), "--tolerance");
+    if arguments.precision != PRECISIONS[1] {
+        made.put_text("precision", "--precision", &arguments.precision);
+    }
     made
 }
 
@@ -89,7 +96,14 @@ pub(super) fn course(arguments: &Arguments) -> Result<(SpringsDamping, RestCours
         time_step: arguments.dt,
         adaptive: arguments.adaptive,
         tolerance: arguments.tolerance,
+        is_single: false,
     };
+    if arguments.precision != PRECISIONS[1] {
+        return Err(Failure::usage(
+            "single precision is for lattices",
+            "leave --precision out, or give --lattice",
+        ));
+    }
     Ok((damping, course))
 }
 

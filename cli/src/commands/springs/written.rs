@@ -13,7 +13,7 @@ use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::simulation::SpringsRun;
-use pliant::springs::{SpringSystem, StepRecord};
+use pliant::springs::StepRecord;
 
 /// Greatest number of rows in the table of steps; a longer run keeps every second step, and so on.
 const MOST_ROWS: usize = 20_000;
@@ -25,7 +25,6 @@ const MOST_POINTS: usize = 1000;
 pub(super) struct Record {
     folder: Folder,
     name: String,
-    start: Vec<Point3<f64>>,
     lines: Vec<Vec<u32>>,
     triangles: Vec<[u32; 3]>,
     shown: Shown,
@@ -43,22 +42,20 @@ impl Record {
         run: &SpringsRun,
         every: Option<u32>,
     ) -> Result<Self, Failure> {
-        let model = &run.model;
-        let start = model.system.position.clone();
+        let start = run.start_positions();
         let mut record = Self {
             folder,
-            name: file_name(&model.name),
-            lines: model.lines.iter().map(|ends| ends.to_vec()).collect(),
-            triangles: model.triangles.clone(),
-            shown: Shown::behind_cut(&start, &model.lines, &model.rest_lengths),
-            start,
+            name: file_name(&run.name),
+            lines: run.lines.iter().map(|ends| ends.to_vec()).collect(),
+            triangles: run.triangles.clone(),
+            shown: Shown::behind_cut(&start, &run.lines, &run.rest_lengths),
             rows: Vec::new(),
             stride: 1,
             every,
             series: Collection::new(),
             failed: None,
         };
-        record.put("start.vtp", &model.system)?;
+        record.put("start.vtp", run)?;
         if every.is_some() {
             record.frame(run)?;
         }
@@ -86,7 +83,7 @@ impl Record {
 
     fn frame(&mut self, run: &SpringsRun) -> Result<(), FolderError> {
         let file = format!("frames/{}_{:06}.vtp", self.name, run.last.step);
-        self.put(&file, &run.model.system)?;
+        self.put(&file, run)?;
         self.series.push(Entry {
             time: run.time,
             part: 0,
@@ -96,30 +93,24 @@ impl Record {
         Ok(())
     }
 
-    fn put(&self, file: &str, system: &SpringSystem) -> Result<(), FolderError> {
-        let moved = system
-            .position
-            .iter()
-            .zip(&self.start)
-            .flat_map(|(x, start)| <[f64; 3]>::from(x - start));
+    fn put(&self, file: &str, run: &SpringsRun) -> Result<(), FolderError> {
+        // One after the other: those of a large lattice take most of the memory.
+        let position = run.positions();
+        let mut moved = Vec::with_capacity(3 * position.len());
+        let start = run.start_positions();
+        for (x, start) in position.iter().zip(&start) {
+            moved.extend(<[f64; 3]>::from(x - start));
+        }
+        drop(start);
+        let held = run.held().into_iter();
         let data = PolyData {
-            points: &system.position,
+            points: &position,
             triangles: &self.triangles,
             lines: &self.lines,
             point_data: vec![
-                ("displacement_m", moved.collect()),
-                (
-                    "speed_m_s",
-                    system.velocity.iter().map(|v| v.norm()).collect(),
-                ),
-                (
-                    "held",
-                    system
-                        .pinned()
-                        .iter()
-                        .map(|p| f64::from(u8::from(*p)))
-                        .collect(),
-                ),
+                ("displacement_m", moved),
+                ("speed_m_s", run.speeds()),
+                ("held", held.map(|held| f64::from(u8::from(held))).collect()),
             ],
         };
         let path = self.folder.claim(file)?;
@@ -143,13 +134,15 @@ impl Record {
         summary: &Summary,
         time_s: f64,
     ) -> Result<RunOutput<'_>, Failure> {
-        let model = &run.model;
         let mut written = vec!["start.vtp".to_owned()];
-        let mut states = vec![("start", &self.start[..])];
-        if model.system.first_non_finite().is_none() {
-            self.put("end.vtp", &model.system)?;
+        if run.is_finite() {
+            self.put("end.vtp", run)?;
             written.push("end.vtp".to_owned());
-            states.push(("end", &model.system.position));
+        }
+        let (start, end) = (run.start_positions(), run.positions());
+        let mut states = vec![("start", &start[..])];
+        if run.is_finite() {
+            states.push(("end", &end));
         }
         let series = self
             .every
@@ -157,12 +150,12 @@ impl Record {
         let plot = |plot| Plot { file: None, plot };
         Ok(RunOutput {
             kind: "springs",
-            name: model.name.clone(),
+            name: run.name.clone(),
             measures: measures(summary),
             pictures: self.pictures(&states)?,
-            title: format!("{}: a spring system", model.name),
+            title: format!("{}: a spring system", run.name),
             subtitle: format!("{} steps, {} s of computing", summary.steps, number(time_s)),
-            text: format!("{}: {}\n", model.name, summary.end),
+            text: format!("{}: {}\n", run.name, summary.end),
             tables_of_text: 1,
             tables: vec![settings(summary)],
             plots: self.plots(summary).into_iter().map(plot).collect(),

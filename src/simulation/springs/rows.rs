@@ -1,0 +1,228 @@
+//! The steps of a lattice without a list of springs.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Moving, SpringsModelError, SpringsRun, StepRecord, absolute, shrink, time_step};
+use crate::scene::content::{LatticeScene, RestCourse};
+use crate::simd::Number;
+use crate::simulation::plan::Plan;
+use crate::springs::integrators::{StepError, Verlet};
+use crate::springs::lattice::{Lattice, LatticeSettings, LatticeShape, largest_stiffness};
+use crate::springs::patterns;
+use crate::springs::system::SpringEnergy;
+use crate::springs::{Mode, RestSettings, Stiffest, limit};
+
+/// Greatest number of springs of which each is a line of the results.
+const LINES: usize = 1_000_000;
+
+/// For each so many points, one more step is made at a time: the measures of a step cost as much as some
+/// steps.
+const POINTS_PER_STEP: usize = 10_000;
+
+/// Single precision cannot tell rest below this multiple of its rounding.
+const ABOVE_ROUNDING: f64 = 8.0;
+
+/// How many steps of a lattice are made before it is measured again: the first one alone.
+pub(super) fn at_once(points: usize, done: usize) -> usize {
+    if done == 0 {
+        1
+    } else {
+        points.div_ceil(POINTS_PER_STEP)
+    }
+}
+
+/// A lattice in double or single precision.
+pub(super) trait Rows: Send {
+    fn shape(&self) -> &LatticeShape;
+    fn settings(&self) -> &LatticeSettings;
+    fn damping(&self) -> f64;
+    /// Makes some steps. Returns the greatest move of a point in the last one [m].
+    fn advance(&mut self, steps: u64) -> Result<f64, StepError>;
+    /// Measures of the last step, number `step`, in which a point moved by up to `moved` [m].
+    fn record(&self, step: usize, moved: f64) -> StepRecord;
+    fn held(&self) -> Vec<bool>;
+    fn positions(&self) -> Vec<Point3<f64>>;
+    fn velocities(&self) -> Vec<Vector3<f64>>;
+    fn speeds(&self) -> Vec<f64>;
+}
+
+impl<F: Number> Rows for Lattice<F> {
+    fn shape(&self) -> &LatticeShape {
+        Lattice::shape(self)
+    }
+
+    fn settings(&self) -> &LatticeSettings {
+        Lattice::settings(self)
+    }
+
+    fn damping(&self) -> f64 {
+        Lattice::damping(self)
+    }
+
+    fn advance(&mut self, steps: u64) -> Result<f64, StepError> {
+        self.run(steps).map_err(|_| {
+            let at = Lattice::shape(self).each();
+            let point = at
+                .map(|point| Lattice::position(self, point))
+                .position(|x| {
+                    // Kernels stop where a number is not finite.
+                    !x.iter().all(|x| x.is_finite())
+                });
+            StepError::NotFinite {
+                point: point.unwrap_or(0),
+                dt: self.time_step(),
+            }
+        })
+    }
+
+    fn record(&self, step: usize, moved: f64) -> StepRecord {
+        let motion = self.motion();
+        StepRecord {
+            step,
+            dt: self.time_step(),
+            greatest_move: moved,
+            energy: SpringEnergy {
+                kinetic: motion.kinetic,
+                stored: motion.stored,
+                loads: 0.0,
+            },
+            residual: motion.residual,
+        }
+    }
+
+    fn held(&self) -> Vec<bool> {
+        let each = Lattice::shape(self).each();
+        each.map(|point| self.is_pinned(point)).collect()
+    }
+
+    fn positions(&self) -> Vec<Point3<f64>> {
+        let shape = Lattice::shape(self);
+        let mut all = Vec::with_capacity(shape.count());
+        all.extend(shape.each().map(|point| Point3::from(self.position(point))));
+        all
+    }
+
+    fn velocities(&self) -> Vec<Vector3<f64>> {
+        self.of_velocities(Vector3::from)
+    }
+
+    fn speeds(&self) -> Vec<f64> {
+        self.of_velocities(|v| Vector3::from(v).norm())
+    }
+}
+
+/// The lattice of a scene with numbers of type `F`.
+pub(super) fn run<F: Number>(
+    scene: &LatticeScene,
+    shape: &LatticeShape,
+    course: &RestCourse,
+) -> Result<SpringsRun, SpringsModelError> {
+    let mut settings = LatticeSettings {
+        stiffness: scene.stiffness,
+        mass: scene.mass,
+        ..LatticeSettings::new(scene.neighbours)
+    };
+    let estimate = Some(settings.damping_estimate(shape));
+    let damping_estimate = estimate.filter(|c| c.is_finite() && *c > 0.0);
+    let damping = absolute(scene.damping, damping_estimate)?;
+    let row_sum = settings.row_sum(shape);
+    let stiffest = Stiffest {
+        mode: Mode::of(largest_stiffness(shape, &settings), damping, scene.mass),
+        bound: row_sum / scene.mass,
+        products: 0,
+    };
+    let longest = limit(&Verlet::default(), &stiffest);
+    let dt = time_step(course, &Verlet::default(), &stiffest, longest)?;
+    (settings.damping, settings.time_step) = (Some(damping), Some(dt));
+    let size = Vector3::from([0, 1, 2].map(|c| shape.spacing[c] * (shape.points[c] - 1) as f64));
+    let rest = RestSettings::of(row_sum, size.norm(), shape.count(), course.tolerance);
+    if course.is_single {
+        // Coordinates are rounded as those of the far corner are.
+        let spacing = size.norm() / (shape.count() as f64).cbrt();
+        let rounds = ABOVE_ROUNDING * f64::from(f32::EPSILON) * size.amax() / spacing;
+        if !(course.tolerance >= rounds) {
+            let tolerance = course.tolerance;
+            return Err(SpringsModelError::TooCoarse { rounds, tolerance });
+        }
+    }
+    let mut lattice = Lattice::<F>::new(*shape, settings)?;
+    let surface = shape.surface();
+    disturb(&mut lattice, &surface, course);
+    lattice.start_from_stillness();
+    let springs = scene.neighbours.springs(shape.points);
+    let (lines, triangles) = shown(scene, shape, springs);
+    let rest_lengths = lines.iter().map(|ends| {
+        let [a, b] = ends.map(|p| Point3::from(shape.at(shape.point(p))));
+        (a - b).norm()
+    });
+    let mut run = SpringsRun {
+        name: scene.name.clone(),
+        rest_lengths: rest_lengths.collect(),
+        lines,
+        triangles,
+        springs,
+        neighbours: scene.neighbours,
+        course: course.clone(),
+        damping_estimate,
+        stiffest,
+        time_step: dt,
+        longest: longest.is_finite().then_some(longest),
+        rest,
+        last: lattice.record(0, 0.0),
+        end: None,
+        time: 0.0,
+        steps_s: 0.0,
+        plan: Plan::default(),
+        frames: scene.frames,
+        frame_rate: scene.frame_rate,
+        surface,
+        skips: false,
+        pause: usize::MAX,
+        moving: Moving::Rows(Box::new(lattice)),
+    };
+    // Nothing moves yet.
+    (run.last.dt, run.last.energy.kinetic) = (0.0, 0.0);
+    run.judge();
+    Ok(run)
+}
+
+/// Moves and holds the surface.
+fn disturb<F: Number>(lattice: &mut Lattice<F>, surface: &[u32], course: &RestCourse) {
+    let shape = *Lattice::shape(lattice);
+    let mut x = shape.positions();
+    shrink(&mut x, surface, course.shrink);
+    for &p in surface {
+        let point = shape.point(p);
+        lattice.place(point, x[p as usize].coords.into());
+        if course.held {
+            lattice.pin(point);
+        }
+    }
+}
+
+/// The springs that the results show as lines, and the triangles of the surface where these are not all.
+fn shown(
+    scene: &LatticeScene,
+    shape: &LatticeShape,
+    springs: usize,
+) -> (Vec<[u32; 2]>, Vec<[u32; 3]>) {
+    if springs <= LINES {
+        let all = patterns::lattice(shape, scene.neighbours);
+        return (all.collect(), Vec::new());
+    }
+    let [nx, ny, nz] = shape.points;
+    let plane = LatticeShape {
+        points: [nx, 1, nz],
+        ..*shape
+    };
+    let in_plane = patterns::lattice(&plane, scene.neighbours);
+    let lines = in_plane.map(|ends| {
+        ends.map(|p| {
+            let [i, _, k] = plane.point(p);
+            shape.index([i, ny / 2, k])
+        })
+    });
+    let faces = shape.faces();
+    let triangles = faces.map(|corners| corners.map(|point| shape.index(point)));
+    (lines.collect(), triangles.collect())
+}
