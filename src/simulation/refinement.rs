@@ -77,8 +77,9 @@ pub(super) struct Refinement {
     coarse: Simulation,
     rule: Rule,
     usual: f64,
-    /// The run that tells the motion, until it has.
+    /// The run that tells the motion, and whether it has.
     pilot: Option<Pilot>,
+    is_known: bool,
     /// Both runs at the frame that is shown.
     shown: Both,
     /// Frames that are not shown yet.
@@ -113,10 +114,10 @@ impl Refinement {
     /// The two runs of a scene from the start of a simulation, to the error that is asked for.
     pub fn new(fine: Simulation, coarse: Simulation, usual: u32, asked: Asked) -> Self {
         let usual = f64::from(usual);
-        // What a run begins with until a motion is known has no effect.
+        // Until a motion is known no error is within the target.
         let (target, pilot) = match asked {
             Asked::Error(target) => (target, None),
-            Asked::OfMotion(share, run) => (0.0, Some(Pilot::new(*run, share, usual))),
+            Asked::OfMotion(share, run) => (f64::NAN, Some(Pilot::new(run, share, usual))),
         };
         let rule = Rule::new(Effort::of(&fine, usual, target));
         let frames = fine.scene.frame_rate / USUAL_RATE;
@@ -131,6 +132,7 @@ impl Refinement {
             coarse,
             rule,
             usual,
+            is_known: pilot.is_none(),
             pilot,
             ahead: VecDeque::new(),
             frames_ahead: (AHEAD * frames).ceil().clamp(1.0, MOST_AHEAD) as usize,
@@ -209,7 +211,7 @@ impl Refinement {
 
     /// Finds the target, if it is a share of the motion. Returns false if it was stopped.
     fn look_ahead(&mut self, stop: Stop<'_>) -> bool {
-        let Some(pilot) = &mut self.pilot else {
+        let Some(pilot) = self.pilot.as_mut().filter(|_| !self.is_known) else {
             return true;
         };
         let begin = Instant::now();
@@ -219,7 +221,8 @@ impl Refinement {
             return false;
         }
         (self.attained.target_m, self.attained.motion_m) = (pilot.target(), pilot.motion());
-        self.pilot = None;
+        self.fine.notes.extend(pilot.note());
+        self.is_known = true;
         let effort = Effort::of(&self.fine, self.usual, self.attained.target_m);
         self.rule = Rule::new(effort);
         effort.set(&mut self.fine, &mut self.coarse);
@@ -366,11 +369,13 @@ impl Refinement {
             ahead: _,
             frames_ahead: _,
             usual: _,
-            pilot,
+            // It runs anew.
+            pilot: _,
+            is_known,
             attained,
             errors,
         } = self;
-        to.put(&pilot.is_none());
+        to.put(is_known);
         to.list(fine);
         to.list(coarse);
         rule.save(to);
@@ -416,9 +421,7 @@ impl Refinement {
         )?;
         self.errors = errors;
         let (steps, tolerance) = (from.take()?, from.take()?);
-        if is_known {
-            self.pilot = None;
-        }
+        self.is_known = is_known;
         self.attained = Attained {
             target_m,
             motion_m,

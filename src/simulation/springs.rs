@@ -53,6 +53,9 @@ pub enum SpringsModelError {
     /// Only steps without a list of springs have single precision.
     #[error("{0}: only the integrator verlet with equal steps computes in single precision")]
     OnlyDouble(&'static str),
+    /// Squares of lengths overflow or vanish.
+    #[error("the square of a length is no number in {} precision", if *.0 { "single" } else { "double" })]
+    NoSquares(bool),
     /// Rounding alone is more than the tolerance.
     #[error("single precision rounds forces by {} of the force at a strain of one, {} is asked for", number(*.rounds), number(*.tolerance))]
     TooCoarse {
@@ -79,6 +82,7 @@ impl SpringsModelError {
             Self::NoEstimate => "lattice.damping",
             Self::TooLong { .. } => "lattice.rest.time_step",
             Self::OnlyDouble(_) => "lattice.rest.precision",
+            Self::NoSquares(_) => "lattice.side",
             Self::TooCoarse { .. } => "lattice.rest.tolerance",
             Self::NoIntegrator(_) | Self::TooSmall(_) | Self::NeverStable(_) => {
                 "lattice.rest.integrator"
@@ -94,6 +98,7 @@ impl SpringsModelError {
             Self::NoIntegrator(_) => "take another `integrator`",
             Self::TooSmall(_) => "give a greater `mass`",
             Self::OnlyDouble(_) => "leave `precision` out, or take `integrator = \"verlet\"`",
+            Self::NoSquares(_) => "give another `side`",
             Self::TooCoarse { .. } => "give a greater `tolerance`, or `precision = \"f64\"`",
             Self::NeverStable(_) => "give `damping`, or take another `integrator`",
             Self::TooLong { .. } => {
@@ -242,11 +247,12 @@ pub struct SpringsRun {
     pub end: Option<RestEnd>,
     /// Simulated time [s].
     pub time: f64,
-    /// The time that the steps took, without their measures [s].
-    pub steps_s: f64,
     pub(super) plan: Plan,
     pub(super) frames: usize,
     pub(super) frame_rate: f64,
+    /// The time that steps took, without their measures [s], and how many these were.
+    steps_s: f64,
+    measured: usize,
     surface: Vec<u32>,
     /// Whether several steps of a large lattice are made at a time, up to a multiple of `pause`.
     skips: bool,
@@ -295,6 +301,7 @@ impl SpringsRun {
             end: None,
             time: 0.0,
             steps_s: 0.0,
+            measured: 0,
             plan: Plan::default(),
             frames,
             frame_rate,
@@ -389,6 +396,7 @@ impl SpringsRun {
     /// Velocities now [m/s], shape `[point_count]`.
     pub fn velocities(&self) -> Cow<'_, [Vector3<f64>]> {
         match &self.moving {
+            _ if self.last.step == 0 => Cow::Owned(vec![Vector3::zeros(); self.count()]),
             Moving::List { system, .. } => Cow::Borrowed(&system.velocity),
             Moving::Rows(rows) => Cow::Owned(rows.velocities()),
         }
@@ -441,36 +449,42 @@ impl SpringsRun {
 
     /// Makes a step, or several of a large lattice.
     pub fn step(&mut self) -> Stepped {
-        let begin = Instant::now();
+        let (begin, step) = (Instant::now(), self.last.step);
         let made = match &mut self.moving {
             Moving::List {
                 system, advance, ..
             } => {
                 let before = system.position.clone();
-                advance(system).map(|dt| {
-                    self.steps_s += begin.elapsed().as_secs_f64();
-                    let step = self.last.step + 1;
-                    (dt, StepRecord::of(system, step, dt, &before))
-                })
+                let made = advance(system);
+                let took = begin.elapsed();
+                made.map(|dt| (dt, took, StepRecord::of(system, step + 1, dt, &before)))
             }
             Moving::Rows(rows) => {
-                let step = self.last.step;
                 let count = match self.skips {
-                    true => rows::at_once(rows.shape().count(), step)
-                        .min(self.frames.saturating_sub(step))
+                    true => rows::at_once(rows.shape().count(), self.frames, step)
                         .min(self.pause - step % self.pause)
                         .max(1),
                     false => 1,
                 };
                 let moved = rows.advance(count as u64);
-                self.steps_s += begin.elapsed().as_secs_f64();
-                let record = moved.map(|moved| rows.record(step + count, moved));
-                record.map(|record| (record.dt * count as f64, record))
+                let took = begin.elapsed();
+                match moved {
+                    Ok(moved) => {
+                        let record = rows.record(step + count, moved);
+                        Ok((record.dt * count as f64, took, record))
+                    }
+                    Err((error, at)) => {
+                        self.last.step = (at as usize).saturating_sub(1);
+                        Err(error)
+                    }
+                }
             }
         };
         match made {
-            Ok((time, record)) => {
+            Ok((time, took, record)) => {
                 (self.time, self.last) = (self.time + time, record);
+                self.steps_s += took.as_secs_f64();
+                self.measured += record.step - step;
                 self.judge();
                 Stepped::Done
             }
@@ -479,6 +493,11 @@ impl SpringsRun {
                 Stepped::Failed(error.to_string())
             }
         }
+    }
+
+    /// Mean time of a step, without its measures [s]; `None` before the first.
+    pub fn step_s(&self) -> Option<f64> {
+        (self.measured > 0).then(|| self.steps_s / self.measured as f64)
     }
 }
 
@@ -570,6 +589,19 @@ mod tests {
         let mut run = SpringsRun::of_lattice(&scene).expect("a system");
         let mut model = SpringsModel::of_lattice(&scene).expect("a system");
         model.system.damping = model.damping_estimate().expect("an estimate");
+        // What the rows know of the lattice is what the list has.
+        let (rest, mode) = (
+            RestSettings::share_of(&model.system, 1e-6),
+            stiffest(&model.system),
+        );
+        let near = |a: f64, b: f64, share: f64| (a - b).abs() <= share * b;
+        assert!(near(run.rest.force, rest.force, 1e-9) && near(run.rest.energy, rest.energy, 1e-9));
+        assert!(near(run.stiffest.bound, mode.bound, 1e-9));
+        let frequency = mode.mode.angular_frequency_squared;
+        assert!(
+            near(run.stiffest.mode.angular_frequency_squared, frequency, 1e-4),
+            "{frequency}"
+        );
         assert_eq!(model.system.damping.to_bits(), run.damping().to_bits());
         model.disturb(0.05, true);
         let mut verlet = Verlet::default();
@@ -594,6 +626,55 @@ mod tests {
         let apart = now.iter().zip(&model.system.position);
         let apart = crate::mesh::measures::max_or_nan(apart.map(|(a, b)| (a - b).norm()));
         assert!(run.is_by_rows() && apart <= 1e-12, "{apart}");
+    }
+
+    #[test]
+    fn steps_that_are_made_at_once_lead_where_single_steps_do() {
+        // 10,648 points: two steps at a time, for enough steps.
+        let scene = scene(&["frames=64", "lattice.points=[22,22,22]"]);
+        let [mut one, mut several, mut paused] =
+            [0; 3].map(|_| SpringsRun::of_lattice(&scene).expect("a system"));
+        several.skip_to(None);
+        paused.skip_to(Some(5));
+        let steps = |run: &mut SpringsRun| {
+            let mut seen = Vec::new();
+            while run.end.is_none() && run.last.step < 20 {
+                assert_eq!(run.step(), Stepped::Done);
+                seen.push(run.last.step);
+            }
+            seen
+        };
+        assert_eq!(steps(&mut one), (1..=20).collect::<Vec<_>>());
+        assert_eq!(steps(&mut several)[..4], [1, 2, 4, 6]);
+        let seen = steps(&mut paused);
+        assert!(
+            [5, 10, 15, 20].iter().all(|step| seen.contains(step)),
+            "{seen:?}"
+        );
+        assert_eq!(one.last, several.last);
+        assert_eq!(
+            (one.time, one.positions()),
+            (several.time, several.positions())
+        );
+        assert_eq!(
+            (one.last, one.positions()),
+            (paused.last, paused.positions())
+        );
+        assert!(several.velocities().iter().any(|v| v.norm() > 0.0));
+        // Enough rows for a table, and an interruption is heard.
+        for (points, frames) in [
+            (1_000_000, 1000),
+            (1_000_000, 100),
+            (100_000_000, 10_000),
+            (8, 100),
+        ] {
+            let at_once = rows::at_once(points, frames, 2 * frames / 3);
+            assert!(
+                at_once >= 1 && at_once <= 100.min(frames / 8),
+                "{points} {frames}: {at_once}"
+            );
+            assert!(at_once * points <= 100_000_000 || at_once == 1);
+        }
     }
 
     #[test]

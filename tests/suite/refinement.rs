@@ -125,6 +125,31 @@ fn a_share_of_the_motion_is_one_of_the_motion_that_the_result_has() {
     assert!(attained.target_m <= 0.03 * moved);
     // Control: the muscle does not move by its length.
     assert!(moved <= 0.7 * scene_length(&scene), "{moved}");
+    // Equilibria too. Frame 0 again, after some frames, is as at the start.
+    let short = Scene {
+        frames: 6,
+        solver: pliant::scene::SolverQuestion::Equilibrium.minimised(1, 1e-4),
+        ..asked
+    };
+    let mut again = Simulation::new(short).expect("meshes");
+    let start = again.save_state().expect("a state");
+    assert!(
+        !again.attained().expect("an accuracy").is_reached(),
+        "nothing is known"
+    );
+    let run = |run: &mut Simulation| {
+        (0..3).for_each(|_| run.step_frame());
+        let attained = run.attained().expect("an accuracy");
+        (
+            attained.target_m,
+            attained.motion_m,
+            run.bodies[0].system.particles.position.clone(),
+        )
+    };
+    let first = run(&mut again);
+    again.restore_state(&start).expect("its own state");
+    assert_eq!(run(&mut again), first);
+    assert!(first.0 > 0.0 && first.1 > first.0);
 }
 
 #[test]

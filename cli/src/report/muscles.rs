@@ -13,6 +13,7 @@ use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
 use super::plan::Prepared;
 use super::quality::{self, Quality, RunQuality};
 use super::record::{Record, effect_name};
+use super::sensitivities::left_out;
 use pliant::contact::{Certificate, PartedPair};
 use pliant::mesh::measures::{max_or_nan, median};
 use pliant::scene::{Solver, Source, likely_units};
@@ -162,6 +163,7 @@ pub(super) fn output(
         notes: (simulation.notes.iter().cloned())
             .chain(uncounted)
             .chain([audit.note()])
+            .chain(left_out(simulation.scene.origin.uncertain()))
             .collect(),
         certificate: Some(certificate(&simulation.certificate())),
         start: Some(starts(simulation)),

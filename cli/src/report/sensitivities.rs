@@ -326,3 +326,15 @@ pub fn output<'a>(name: &str, found: &'a Sensitivities) -> Result<RunOutput<'a>,
         ..RunOutput::default()
     })
 }
+
+/// What a run leaves out of a scene whose values have intervals.
+pub(super) fn left_out(uncertain: &[Uncertain]) -> Option<String> {
+    let keys: Vec<&str> = uncertain.iter().map(|of| of.key.as_str()).collect();
+    (!keys.is_empty()).then(|| {
+        format!(
+            "{} {} an interval, which a run leaves out: `pliant sensitivities` gives the intervals of results",
+            keys.join(", "),
+            if keys.len() == 1 { "has" } else { "have" }
+        )
+    })
+}

@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 
 use super::implant::{Insertion, Point, joined, json_of};
 use super::output::{DataFile, Plot, RunOutput, Verdict};
+use super::sensitivities::left_out;
 use super::{LinePlot, Table};
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::{TriangleMesh, shapes};
@@ -424,7 +425,9 @@ pub(super) fn output(run: &SkinRun) -> Result<RunOutput<'_>, PictureError> {
         pictures: insertion.pictures(&shown)?,
         files: insertion.surfaces(shown, implants),
         data,
-        notes: run.notes.clone(),
+        notes: (run.notes.iter().cloned())
+            .chain(left_out(run.scene.origin.uncertain()))
+            .collect(),
         explanations: caveats.map(str::to_owned).collect(),
         ..RunOutput::default()
     })

@@ -94,7 +94,7 @@ impl Summary {
             at_rest: end == RestEnd::Rest,
             end: in_words(end, run),
             steps: last.step,
-            ms_per_step: (last.step > 0).then(|| run.steps_s * 1e3 / last.step as f64),
+            ms_per_step: run.step_s().map(|s| s * 1e3),
             first_step_s: None,
             peak_bytes: peak(),
             steps_wanted: run.frames(),

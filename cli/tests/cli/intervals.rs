@@ -41,6 +41,21 @@ fn an_implant_has_intervals_and_a_pressure_tells_its_modulus() {
     };
     let gain = of("area_gain_m2");
     assert!(gain["half"].as_f64() > Some(0.0) && gain["elasticities"][0].as_f64() < Some(0.0));
+    // A run of the same scene says that it leaves the interval out.
+    let plain = out.join("plain").display().to_string();
+    let arguments = [
+        "run",
+        "flat-implant",
+        "--json",
+        "--set",
+        modulus,
+        "--out",
+        &plain,
+    ];
+    let (code, plain) = summary(&arguments);
+    let notes = plain["notes"].to_string();
+    assert_eq!(code, Some(0), "{notes}");
+    assert!(notes.contains("skin.modulus has an interval"), "{notes}");
     for file in ["report.html", "sensitivities.csv", "summary.json"] {
         assert!(out.join("intervals").join(file).is_file(), "{file}");
     }

@@ -140,7 +140,7 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
             &["run", "hip", "--accuracy", "1"],
             &[
                 "`1` has no unit",
-                "\"1 %\" of a muscle's length, or \"1 mm\"",
+                "\"1 %\" of a muscle's length, \"1 % of motion\", or \"1 mm\"",
             ],
         ),
         (

@@ -237,7 +237,13 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
             "at most 1073741824 points in all",
         ),
         (
-            &["--lattice", "1020x1020x1020", "--neighbours", "26"],
+            &[
+                "--lattice",
+                "1020x1020x1020",
+                "--neighbours",
+                "26",
+                "--adaptive",
+            ],
             "GiB of memory",
         ),
         (&["--lattice", "5x5x5", "--neighbours", "7"], "6 or 26"),
@@ -267,7 +273,7 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
         ),
         (
             &["--lattice", "5x5x5", "--side", "1e200"],
-            "a parameter that its law does not take",
+            "the square of a length is no number in double precision; give another --side",
         ),
     ];
     for (arguments, expected) in cases {

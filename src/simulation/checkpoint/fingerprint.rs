@@ -3,7 +3,7 @@
 use crate::constraints::distance::Distance;
 use crate::encode::{Encode, Encoder, hash_of};
 use crate::mesh::TriangleMesh;
-use crate::scene::{AttachmentSpec, BoneSpec, Capsule, Muscle, Scene};
+use crate::scene::{Accuracy, AttachmentSpec, BoneSpec, Capsule, Muscle, Scene};
 use crate::simulation::Simulation;
 use crate::simulation::body::Body;
 use crate::simulation::plan::MusclePlan;
@@ -11,7 +11,8 @@ use crate::solvers::Held;
 use crate::state::{DecodeError, Hash, Reader, Value, Writer};
 
 /// Hashes of all inputs of a simulation: the library, settings, motions, contents of meshes (not their file
-/// names), and the plan. The number of frames is not included: a run can become longer.
+/// names), and the plan. The number of frames is not included, as a run can
+/// become longer, unless an accuracy is a share of their motion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint(Vec<(String, u128)>);
 
@@ -22,7 +23,7 @@ impl Fingerprint {
         let mut print = Self::default();
         let Scene {
             name,
-            frames: _,
+            frames,
             frame_rate,
             // Only pictures show it.
             up: _,
@@ -47,6 +48,10 @@ impl Fingerprint {
         print.add("`solver`".to_owned(), solver);
         print.add("`substeps`, given or not".to_owned(), adapts_steps);
         print.add("`accuracy`".to_owned(), accuracy);
+        if let Some(Accuracy::OfMotion(_)) = accuracy {
+            // How far all frames move.
+            print.add("`frames`, whose motion it is a share of".to_owned(), frames);
+        }
         print.add("`interface`".to_owned(), interfaces);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
             // Surface, repair and edge length determine the mesh.

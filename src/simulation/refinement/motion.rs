@@ -17,6 +17,9 @@ const TOLERANCE: f64 = 1e-2;
 /// twentieth.
 const SAFE: f64 = 0.95;
 
+/// Least target, relative to the length of the shortest muscle: what does not move has rounding alone.
+const LEAST_TARGET: f64 = 1e-9;
+
 /// The error that is asked for.
 pub(in crate::simulation) enum Asked {
     /// RMS over the vertices of a frame [m].
@@ -27,15 +30,18 @@ pub(in crate::simulation) enum Asked {
 
 /// A run that tells how far the muscles move.
 pub(super) struct Pilot {
-    run: Simulation,
+    /// `None` when it has told it.
+    run: Option<Box<Simulation>>,
     share: f64,
     start: Vec<Vec<Point3<f64>>>,
     /// RMS distance of the vertices from the start in the worst frame so far [m].
     motion: f64,
+    least: f64,
+    note: Option<String>,
 }
 
 impl Pilot {
-    pub fn new(mut run: Simulation, share: f64, usual: f64) -> Self {
+    pub fn new(mut run: Box<Simulation>, share: f64, usual: f64) -> Self {
         if run.scene.solver.has_inertia() {
             let steps = STEPS * usual;
             run.control
@@ -45,35 +51,44 @@ impl Pilot {
         }
         let bodies = run.bodies.iter();
         let start = bodies.map(|body| body.system.particles.position.clone());
+        let lengths = run.bodies.iter().map(|body| body.length);
         Self {
             start: start.collect(),
-            run,
+            least: LEAST_TARGET * lengths.fold(f64::INFINITY, f64::min),
+            run: Some(run),
             share,
             motion: 0.0,
+            note: None,
         }
     }
 
     /// Computes what is left of it. Returns false if it was stopped.
     pub fn runs_to_its_end(&mut self, stop: Stop<'_>) -> bool {
-        while self.run.frame() < self.run.scene.frames {
-            if !self.run.compute_frame(stop) {
+        let Some(run) = &mut self.run else {
+            return true;
+        };
+        while run.frame() < run.scene.frames {
+            if !run.compute_frame(stop) {
                 return false;
             }
             let (mut sum, mut count) = (0.0, 0);
-            for (body, start) in self.run.bodies.iter().zip(&self.start) {
+            for (body, start) in run.bodies.iter().zip(&self.start) {
                 let now = body.system.particles.position.iter();
-                sum += now
-                    .zip(start)
-                    .map(|(a, b)| (a - b).norm_squared())
-                    .sum::<f64>();
+                let squares = now.zip(start).map(|(a, b)| (a - b).norm_squared());
+                sum += squares.sum::<f64>();
                 count += start.len();
             }
             let moved = (sum / count.max(1) as f64).sqrt();
             self.motion = max_or_nan([self.motion, moved]);
-            if self.run.bodies.iter().all(|body| body.stopped.is_some()) {
-                break;
-            }
         }
+        let stopped = run.bodies.iter().find(|body| body.stopped.is_some());
+        self.note = stopped.map(|body| {
+            format!(
+                "{} stopped in the first run with few steps, which tells the motion: it can move farther",
+                body.name
+            )
+        });
+        self.run = None;
         true
     }
 
@@ -84,6 +99,17 @@ impl Pilot {
 
     /// The error that is asked for [m].
     pub fn target(&self) -> f64 {
-        SAFE * self.share * self.motion
+        let target = SAFE * self.share * self.motion;
+        // A NaN stays.
+        if target < self.least {
+            self.least
+        } else {
+            target
+        }
+    }
+
+    /// What a reader must know of it.
+    pub fn note(&self) -> Option<String> {
+        self.note.clone()
     }
 }

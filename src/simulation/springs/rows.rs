@@ -3,31 +3,39 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{Moving, SpringsModelError, SpringsRun, StepRecord, absolute, shrink, time_step};
+use crate::mesh::measures::max_or_nan;
 use crate::scene::content::{LatticeScene, RestCourse};
 use crate::simd::Number;
 use crate::simulation::plan::Plan;
 use crate::springs::integrators::{StepError, Verlet};
-use crate::springs::lattice::{Lattice, LatticeSettings, LatticeShape, largest_stiffness};
+use crate::springs::lattice::{
+    Lattice, LatticeError, LatticeSettings, LatticeShape, largest_stiffness,
+};
 use crate::springs::patterns;
 use crate::springs::system::SpringEnergy;
-use crate::springs::{Mode, RestSettings, Stiffest, limit};
+use crate::springs::{Mode, Neighbours, RestSettings, Stiffest, limit};
 
 /// Greatest number of springs of which each is a line of the results.
 const LINES: usize = 1_000_000;
 
 /// For each so many points, one more step is made at a time: the measures of a step cost as much as some
-/// steps.
+/// steps. All of them move at most so many points, so that an interruption is heard, and are at most this part
+/// of all steps.
 const POINTS_PER_STEP: usize = 10_000;
+const MOVED_AT_ONCE: usize = 50_000_000;
+const PART: usize = 16;
 
 /// Single precision cannot tell rest below this multiple of its rounding.
 const ABOVE_ROUNDING: f64 = 8.0;
 
-/// How many steps of a lattice are made before it is measured again: the first one alone.
-pub(super) fn at_once(points: usize, done: usize) -> usize {
-    if done == 0 {
-        1
-    } else {
-        points.div_ceil(POINTS_PER_STEP)
+/// How many of `frames` steps are made before a lattice is measured again, after `done` of them: the first one
+/// alone, then up to each multiple of one number.
+pub(super) fn at_once(points: usize, frames: usize, done: usize) -> usize {
+    let most = (MOVED_AT_ONCE / points).min(frames / PART);
+    let several = points.div_ceil(POINTS_PER_STEP).min(most).max(1);
+    match done {
+        0 => 1,
+        done => (several - done % several).min(frames.saturating_sub(done)),
     }
 }
 
@@ -36,8 +44,9 @@ pub(super) trait Rows: Send {
     fn shape(&self) -> &LatticeShape;
     fn settings(&self) -> &LatticeSettings;
     fn damping(&self) -> f64;
-    /// Makes some steps. Returns the greatest move of a point in the last one [m].
-    fn advance(&mut self, steps: u64) -> Result<f64, StepError>;
+    /// Makes some steps. Returns the greatest move of a point in the last one [m], or the error of a step and
+    /// the number of steps so far.
+    fn advance(&mut self, steps: u64) -> Result<f64, (StepError, u64)>;
     /// Measures of the last step, number `step`, in which a point moved by up to `moved` [m].
     fn record(&self, step: usize, moved: f64) -> StepRecord;
     fn held(&self) -> Vec<bool>;
@@ -59,19 +68,22 @@ impl<F: Number> Rows for Lattice<F> {
         Lattice::damping(self)
     }
 
-    fn advance(&mut self, steps: u64) -> Result<f64, StepError> {
-        self.run(steps).map_err(|_| {
-            let at = Lattice::shape(self).each();
-            let point = at
-                .map(|point| Lattice::position(self, point))
-                .position(|x| {
-                    // Kernels stop where a number is not finite.
-                    !x.iter().all(|x| x.is_finite())
-                });
-            StepError::NotFinite {
-                point: point.unwrap_or(0),
-                dt: self.time_step(),
+    fn advance(&mut self, steps: u64) -> Result<f64, (StepError, u64)> {
+        self.run(steps).map_err(|error| {
+            // Of the points the one that is farthest away, or nowhere.
+            let (mut point, mut farthest) = (0, 0.0);
+            for (p, at) in Lattice::shape(self).each().enumerate() {
+                let size = max_or_nan(self.position(at).map(f64::abs));
+                if !(size <= farthest || f64::is_nan(farthest)) {
+                    (point, farthest) = (p, size);
+                }
             }
+            let dt = self.time_step();
+            let step = match error {
+                LatticeError::Diverged { step } => step,
+                _ => self.steps(),
+            };
+            (StepError::NotFinite { point, dt }, step)
         })
     }
 
@@ -135,11 +147,22 @@ pub(super) fn run<F: Number>(
     let dt = time_step(course, &Verlet::default(), &stiffest, longest)?;
     (settings.damping, settings.time_step) = (Some(damping), Some(dt));
     let size = Vector3::from([0, 1, 2].map(|c| shape.spacing[c] * (shape.points[c] - 1) as f64));
+    let (least, most) = match course.is_single {
+        true => (f64::from(f32::MIN_POSITIVE), f64::from(f32::MAX)),
+        false => (f64::MIN_POSITIVE, f64::MAX),
+    };
+    let is_normal = shape.spacing[0] >= 10.0 * least.sqrt() && size.norm() <= 0.1 * most.sqrt();
+    if !is_normal {
+        return Err(SpringsModelError::NoSquares(course.is_single));
+    }
     let rest = RestSettings::of(row_sum, size.norm(), shape.count(), course.tolerance);
     if course.is_single {
         // Coordinates are rounded as those of the far corner are.
         let spacing = size.norm() / (shape.count() as f64).cbrt();
         let rounds = ABOVE_ROUNDING * f64::from(f32::EPSILON) * size.amax() / spacing;
+        // What moves a point by less than its rounding in a step does not move it.
+        let still = scene.mass / (dt * dt * row_sum);
+        let rounds = rounds * if still > 1.0 { still } else { 1.0 };
         if !(course.tolerance >= rounds) {
             let tolerance = course.tolerance;
             return Err(SpringsModelError::TooCoarse { rounds, tolerance });
@@ -150,7 +173,7 @@ pub(super) fn run<F: Number>(
     disturb(&mut lattice, &surface, course);
     lattice.start_from_stillness();
     let springs = scene.neighbours.springs(shape.points);
-    let (lines, triangles) = shown(scene, shape, springs);
+    let (lines, triangles) = shown(scene.neighbours, shape, LINES);
     let rest_lengths = lines.iter().map(|ends| {
         let [a, b] = ends.map(|p| Point3::from(shape.at(shape.point(p))));
         (a - b).norm()
@@ -172,6 +195,7 @@ pub(super) fn run<F: Number>(
         end: None,
         time: 0.0,
         steps_s: 0.0,
+        measured: 0,
         plan: Plan::default(),
         frames: scene.frames,
         frame_rate: scene.frame_rate,
@@ -202,12 +226,12 @@ fn disturb<F: Number>(lattice: &mut Lattice<F>, surface: &[u32], course: &RestCo
 
 /// The springs that the results show as lines, and the triangles of the surface where these are not all.
 fn shown(
-    scene: &LatticeScene,
+    neighbours: Neighbours,
     shape: &LatticeShape,
-    springs: usize,
+    most: usize,
 ) -> (Vec<[u32; 2]>, Vec<[u32; 3]>) {
-    if springs <= LINES {
-        let all = patterns::lattice(shape, scene.neighbours);
+    if neighbours.springs(shape.points) <= most {
+        let all = patterns::lattice(shape, neighbours);
         return (all.collect(), Vec::new());
     }
     let [nx, ny, nz] = shape.points;
@@ -215,7 +239,7 @@ fn shown(
         points: [nx, 1, nz],
         ..*shape
     };
-    let in_plane = patterns::lattice(&plane, scene.neighbours);
+    let in_plane = patterns::lattice(&plane, neighbours);
     let lines = in_plane.map(|ends| {
         ends.map(|p| {
             let [i, _, k] = plane.point(p);
@@ -225,4 +249,29 @@ fn shown(
     let faces = shape.faces();
     let triangles = faces.map(|corners| corners.map(|point| shape.index(point)));
     (lines.collect(), triangles.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::TriangleMesh;
+
+    #[test]
+    fn of_very_many_springs_those_of_a_plane_are_shown_and_the_faces() {
+        let shape = LatticeShape::with_longest_side([4, 5, 6], 1.0).expect("a shape");
+        let (all, none) = shown(Neighbours::TwentySix, &shape, 10_000);
+        assert_eq!(all.len(), Neighbours::TwentySix.springs(shape.points));
+        assert!(none.is_empty());
+        let (lines, triangles) = shown(Neighbours::TwentySix, &shape, 10);
+        let within = |ends: &[u32; 2]| ends.iter().all(|&p| shape.point(p)[1] == 2);
+        assert_eq!(lines.len(), all.iter().filter(|ends| within(ends)).count());
+        assert!(lines.iter().all(|ends| within(ends) && all.contains(ends)));
+        let vertices = shape.positions();
+        let box_of = TriangleMesh {
+            vertices,
+            triangles,
+        };
+        let volume = 0.6 * 0.8 * 1.0;
+        assert!((box_of.volume() - volume).abs() <= 1e-14);
+    }
 }

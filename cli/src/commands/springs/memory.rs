@@ -11,6 +11,10 @@ const MEMORY: u64 = 8 << 30;
 const POINT_BYTES: u64 = 640;
 const SPRING_BYTES: u64 = 200;
 
+/// Memory of a spring that is shown as a line, and of a triangle of the faces [bytes].
+const LINE_BYTES: u64 = 80;
+const FACE_BYTES: u64 = 24;
+
 /// Memory of a point by rows: its two positions, and what the results need of it.
 const RESULT_BYTES: u64 = 140;
 
@@ -31,13 +35,15 @@ pub(super) fn check(scene: &LatticeScene) -> Result<(), Failure> {
     let course = scene.rest.clone().unwrap_or_default();
     // A lattice has at most 2^30 points and 13 springs each: neither product overflows.
     let count = scene.points.iter().product::<usize>() as u64;
+    let [nx, ny, nz] = scene.points.map(|n| n as u64);
+    let springs = scene.neighbours.springs(scene.points) as u64;
+    // At most those of a plane through the middle, or a million.
+    let lines = springs.min((u64::from(scene.neighbours.count()) / 6 * nx * nz).max(1_000_000));
+    let shown = lines * LINE_BYTES + 4 * (nx * ny + ny * nz + nz * nx) * FACE_BYTES;
     let needed = match (course.is_by_rows(), course.is_single) {
-        (true, true) => count * (RESULT_BYTES + 24),
-        (true, false) => count * (RESULT_BYTES + 48),
-        (false, _) => {
-            let springs = scene.neighbours.springs(scene.points) as u64;
-            count * POINT_BYTES + springs * SPRING_BYTES
-        }
+        (true, true) => count * (RESULT_BYTES + 24) + shown,
+        (true, false) => count * (RESULT_BYTES + 48) + shown,
+        (false, _) => count * POINT_BYTES + springs * SPRING_BYTES,
     };
     let memory = memory();
     if needed <= memory {

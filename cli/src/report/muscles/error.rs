@@ -73,7 +73,7 @@ pub(super) fn accuracy(attained: &Attained) -> Value {
     passes[1]["difference_m"] = json!(attained.difference_m);
     json!({
         "target_m": attained.target_m,
-        "motion_m": (attained.motion_m > 0.0).then_some(attained.motion_m),
+        "motion_m": (attained.motion_m != 0.0).then_some(attained.motion_m),
         "error_m": attained.error_m,
         "frame": attained.frame,
         "reached": attained.is_reached(),
