@@ -457,7 +457,13 @@ impl SpringsRun {
                 let before = system.position.clone();
                 let made = advance(system);
                 let took = begin.elapsed();
-                made.map(|dt| (dt, took, StepRecord::of(system, step + 1, dt, &before)))
+                made.map(|dt| {
+                    (
+                        self.time + dt,
+                        took,
+                        StepRecord::of(system, step + 1, dt, &before),
+                    )
+                })
             }
             Moving::Rows(rows) => {
                 let count = match self.skips {
@@ -471,7 +477,8 @@ impl SpringsRun {
                 match moved {
                     Ok(moved) => {
                         let record = rows.record(step + count, moved);
-                        Ok((record.dt * count as f64, took, record))
+                        // The same bits however many steps are made at once.
+                        Ok((record.dt * record.step as f64, took, record))
                     }
                     Err((error, at)) => {
                         self.last.step = (at as usize).saturating_sub(1);
@@ -482,7 +489,7 @@ impl SpringsRun {
         };
         match made {
             Ok((time, took, record)) => {
-                (self.time, self.last) = (self.time + time, record);
+                (self.time, self.last) = (time, record);
                 self.steps_s += took.as_secs_f64();
                 self.measured += record.step - step;
                 self.judge();

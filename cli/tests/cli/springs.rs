@@ -125,7 +125,7 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
     assert_eq!(of(&["--adaptive", "--dt", "3"]).0, Some(0));
     // The same lattice in single precision, by rows, and in double precision by a list.
     let coarse = of(&["--precision", "f32", "--tolerance", "1e-4"]);
-    let [fine, list] = [&[][..], &["--adaptive"]].map(|more| of(more));
+    let [fine, list] = [&[][..], &["--adaptive"]].map(of);
     for (told, precision, method) in [
         (&coarse, "f32", "rows"),
         (&fine, "f64", "rows"),
