@@ -84,7 +84,8 @@ pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
     if item.text("1 %")?.trim_end().ends_with('%') {
         return Ok(Accuracy::Share(parse_muscle::share(item)?));
     }
-    if let Some(share) = item.text("1 %")?.trim_end().strip_suffix(OF_MOTION) {
+    let share = item.text("1 %")?.trim_end().strip_suffix(OF_MOTION);
+    if let Some(share) = share.filter(|share| share.trim_end().ends_with('%')) {
         let node = Node {
             value: Value::Text(share.trim_end().to_owned()),
             ..item.node.clone()

@@ -293,6 +293,8 @@ fn overrides_change_what_they_name() {
     );
     assert_eq!(accuracy("accuracy=2 %"), Some(Accuracy::Share(0.02)));
     assert_eq!(accuracy("accuracy=2 mm"), Some(Accuracy::Length(2e-3)));
+    // Not 200 %.
+    assert!(refused_override("hip", "accuracy=2 of motion").contains("accuracy"));
     let friction = |overrides: &[&str]| {
         changed("hip", overrides)
             .effects
