@@ -484,7 +484,7 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
             // Of the number of steps of a frame.
             relaxation: _,
             classic: _,
-            // A list is written with `is_first` in mind.
+            // Written as zeros before the first sweep of a step.
             multipliers: _,
             is_first: _,
             // Set at the beginning of a step.

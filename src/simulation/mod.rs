@@ -61,7 +61,7 @@ pub(crate) use body::Stepper;
 pub use fault::{Fault, LoadError};
 pub use measures::Measures;
 pub use plan::Plan;
-use refinement::{Asked, Refinement};
+use refinement::{Refinement, Target};
 pub use run::{Ended, Observer, run};
 pub(crate) use scenario::BodyState;
 pub use scenario::{
@@ -143,12 +143,12 @@ impl Simulation {
         let run = || Self::alone(scene.clone(), assets.clone(), plan.clone());
         let mut front = run()?;
         let lengths = front.bodies.iter().map(|body| body.length);
-        let asked = match accuracy {
-            Accuracy::Length(length) => Asked::Error(length),
-            Accuracy::Share(share) => Asked::Error(share * lengths.fold(f64::INFINITY, f64::min)),
-            Accuracy::OfMotion(share) => Asked::OfMotion(share, Box::new(run()?)),
+        let target = match accuracy {
+            Accuracy::Length(length) => Target::Error(length),
+            Accuracy::Share(share) => Target::Error(share * lengths.fold(f64::INFINITY, f64::min)),
+            Accuracy::OfMotion(share) => Target::ShareOfMotion(share, Box::new(run()?)),
         };
-        front.refinement = Some(Box::new(Refinement::new(run()?, run()?, usual, asked)));
+        front.refinement = Some(Box::new(Refinement::new(run()?, run()?, usual, target)));
         front.scene.accuracy = Some(accuracy);
         Ok(front)
     }

@@ -18,8 +18,8 @@ mod rule;
 use std::collections::VecDeque;
 use std::time::Instant;
 
-pub(super) use motion::Asked;
 use motion::Pilot;
+pub(super) use motion::Target;
 use rule::{Effort, Rule};
 
 use super::frame::Stop;
@@ -111,13 +111,13 @@ struct Ahead {
 }
 
 impl Refinement {
-    /// The two runs of a scene from the start of a simulation, to the error that is asked for.
-    pub fn new(fine: Simulation, coarse: Simulation, usual: u32, asked: Asked) -> Self {
+    /// The two runs of a scene from the start of a simulation, to the requested error.
+    pub fn new(fine: Simulation, coarse: Simulation, usual: u32, target: Target) -> Self {
         let usual = f64::from(usual);
         // Until a motion is known no error is within the target.
-        let (target, pilot) = match asked {
-            Asked::Error(target) => (target, None),
-            Asked::OfMotion(share, run) => (f64::NAN, Some(Pilot::new(run, share, usual))),
+        let (target, pilot) = match target {
+            Target::Error(target) => (target, None),
+            Target::ShareOfMotion(share, run) => (f64::NAN, Some(Pilot::new(run, share, usual))),
         };
         let rule = Rule::new(Effort::of(&fine, usual, target));
         let frames = fine.scene.frame_rate / USUAL_RATE;

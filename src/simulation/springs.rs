@@ -605,10 +605,10 @@ mod tests {
         assert!(near(run.rest.force, rest.force, 1e-9) && near(run.rest.energy, rest.energy, 1e-9));
         assert!(near(run.stiffest.bound, mode.bound, 1e-9));
         let frequency = mode.mode.angular_frequency_squared;
-        assert!(
-            near(run.stiffest.mode.angular_frequency_squared, frequency, 1e-4),
-            "{frequency}"
-        );
+        // The power iteration of a lattice ends where a product changes the value by 1e-7; what is left can be a
+        // thousand times that.
+        let own = run.stiffest.mode.angular_frequency_squared;
+        assert!(near(own, frequency, 1e-4), "{own} {frequency}");
         assert_eq!(model.system.damping.to_bits(), run.damping().to_bits());
         model.disturb(0.05, true);
         let mut verlet = Verlet::default();
@@ -632,7 +632,9 @@ mod tests {
         let now = run.positions();
         let apart = now.iter().zip(&model.system.position);
         let apart = crate::mesh::measures::max_or_nan(apart.map(|(a, b)| (a - b).norm()));
-        assert!(run.is_by_rows() && apart <= 1e-12, "{apart}");
+        // Rounding of coordinates, and of a factor at each of the steps.
+        let rounding = 64.0 * f64::EPSILON * scene.side;
+        assert!(run.is_by_rows() && apart <= rounding, "{apart} {rounding}");
     }
 
     #[test]

@@ -117,7 +117,7 @@ impl LatticeSettings {
 
     /// The greatest row sum of the stiffness matrix at rest: twice the stiffness of all springs of an inner
     /// point \[N/m\].
-    pub fn row_sum(&self, shape: &LatticeShape) -> f64 {
+    pub(crate) fn row_sum(&self, shape: &LatticeShape) -> f64 {
         let inner = shape.points.map(|n| n / 2);
         let all = stability::directions(shape, self);
         let both = all.iter().flat_map(|d| [(d, 1), (d, -1)]);
@@ -289,9 +289,8 @@ impl<F: Number> Lattice<F> {
         [0, 1, 2].map(|c| row + c * self.frame.run + i)
     }
 
-    fn number(&self, [i, j, k]: [usize; 3]) -> usize {
-        let [nx, ny, _] = self.shape.points;
-        (k * ny + j) * nx + i
+    fn number(&self, point: [usize; 3]) -> usize {
+        self.shape.index(point) as usize
     }
 
     /// Position of a point \[m\].

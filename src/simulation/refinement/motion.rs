@@ -13,19 +13,19 @@ const LEAST: f64 = 4.0;
 /// Tolerance of its equilibria.
 const TOLERANCE: f64 = 1e-2;
 
-/// The error is asked to be at most this part of the share: the motion of so few steps is known to about a
+/// The target is this part of the share: the motion of so few steps is known to about a
 /// twentieth.
 const SAFE: f64 = 0.95;
 
 /// Least target, relative to the length of the shortest muscle: what does not move has rounding alone.
 const LEAST_TARGET: f64 = 1e-9;
 
-/// The error that is asked for.
-pub(in crate::simulation) enum Asked {
+/// The requested error.
+pub(in crate::simulation) enum Target {
     /// RMS over the vertices of a frame [m].
     Error(f64),
     /// This share of the motion, which the run tells.
-    OfMotion(f64, Box<Simulation>),
+    ShareOfMotion(f64, Box<Simulation>),
 }
 
 /// A run that tells how far the muscles move.
@@ -97,7 +97,7 @@ impl Pilot {
         self.motion
     }
 
-    /// The error that is asked for [m].
+    /// The requested error [m].
     pub fn target(&self) -> f64 {
         let target = SAFE * self.share * self.motion;
         // A NaN stays.

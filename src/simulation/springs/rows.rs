@@ -18,11 +18,14 @@ use crate::springs::{Mode, Neighbours, RestSettings, Stiffest, limit};
 /// Greatest number of springs of which each is a line of the results.
 const LINES: usize = 1_000_000;
 
-/// For each so many points, one more step is made at a time: the measures of a step cost as much as some
-/// steps. All of them move at most so many points, so that an interruption is heard, and are at most this part
-/// of all steps.
+/// Number of points of a lattice for each step between two measures: the measures cost as much as several
+/// steps.
 const POINTS_PER_STEP: usize = 10_000;
+
+/// Greatest product of points and of steps between two measures: an interruption waits for these steps.
 const MOVED_AT_ONCE: usize = 50_000_000;
+
+/// The steps between two measures are at most this part of all steps.
 const PART: usize = 16;
 
 /// Single precision cannot tell rest below this multiple of its rounding.

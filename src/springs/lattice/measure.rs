@@ -43,7 +43,21 @@ struct Present<'a, F> {
     directions: Vec<Direction>,
 }
 
-impl<F: Number> Present<'_, F> {
+impl<'a, F: Number> Present<'a, F> {
+    fn of(
+        lattice: &'a LatticeShape,
+        settings: &LatticeSettings,
+        frame: &'a Frame<F>,
+        current: &'a [F],
+    ) -> Self {
+        Self {
+            lattice,
+            frame,
+            current,
+            directions: both_ways(lattice, settings),
+        }
+    }
+
     fn row(&self, j: usize, k: usize) -> RowPlaces<'_, F> {
         let (run, count) = (self.frame.run, self.lattice.points[0]);
         let first = k * self.frame.plane() + j * self.frame.row();
@@ -108,12 +122,7 @@ impl<F: Number> Lattice<F> {
     /// then of the same order as the others.
     pub(crate) fn start_from_stillness(&mut self) {
         let half = 0.5 * self.time_step * self.time_step / self.settings.mass;
-        let present = Present {
-            lattice: &self.shape,
-            frame: &self.frame,
-            current: &self.current,
-            directions: both_ways(&self.shape, &self.settings),
-        };
+        let present = Present::of(&self.shape, &self.settings, &self.frame, &self.current);
         let ([nx, ny, _], run) = (self.shape.points, self.frame.run);
         let pinned = &self.pinned;
         let planes = self.previous.par_chunks_mut(self.frame.plane()).enumerate();
@@ -131,12 +140,7 @@ impl<F: Number> Lattice<F> {
     }
 
     fn present(&self) -> Present<'_, F> {
-        Present {
-            lattice: &self.shape,
-            frame: &self.frame,
-            current: &self.current,
-            directions: both_ways(&self.shape, &self.settings),
-        }
+        Present::of(&self.shape, &self.settings, &self.frame, &self.current)
     }
 
     /// Calls `deed` with the velocity of each free point of a row, from the forces there.

@@ -37,8 +37,10 @@ pub(super) fn check(scene: &LatticeScene) -> Result<(), Failure> {
     let count = scene.points.iter().product::<usize>() as u64;
     let [nx, ny, nz] = scene.points.map(|n| n as u64);
     let springs = scene.neighbours.springs(scene.points) as u64;
-    // At most those of a plane through the middle, or a million.
-    let lines = springs.min((u64::from(scene.neighbours.count()) / 6 * nx * nz).max(1_000_000));
+    // All of a small lattice, or those of a plane.
+    let [along_x, _, along_z] = scene.points;
+    let of_plane = scene.neighbours.springs([along_x, 1, along_z]) as u64;
+    let lines = springs.min(1_000_000).max(of_plane);
     let shown = lines * LINE_BYTES + 4 * (nx * ny + ny * nz + nz * nx) * FACE_BYTES;
     let needed = match (course.is_by_rows(), course.is_single) {
         (true, true) => count * (RESULT_BYTES + 24) + shown,
