@@ -55,6 +55,7 @@ impl Trajectory {
             solver: candidate.solver,
             adapts_steps: false,
             accuracy: None,
+            mesh_error: false,
             ..scene.clone()
         };
         let plan = Plan::new(&scene, assets);

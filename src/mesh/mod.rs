@@ -16,6 +16,7 @@ pub(crate) mod overlap;
 pub(crate) mod predicates;
 pub(crate) mod refine;
 pub(crate) mod repair;
+pub(crate) mod quarters;
 pub mod shapes;
 pub(crate) mod sum;
 pub(crate) mod topology;

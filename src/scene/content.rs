@@ -98,6 +98,7 @@ pub(super) const KINDS: [KindSpec; 4] = [
         name: "muscles",
         keys: &[
             ("accuracy", Text),
+            ("mesh_error", Plain),
             ("up", Plain),
             ("limits", Table(&Schema::Keys(&LIMITS))),
             ("bone", List(&schema::BONE)),

@@ -36,6 +36,7 @@ impl Encode for Scene {
             solver,
             adapts_steps,
             accuracy,
+            mesh_error,
             limits,
             origin: _,
         } = self;
@@ -52,6 +53,7 @@ impl Encode for Scene {
         to.field("solver", solver);
         to.field("adapts_steps", adapts_steps);
         to.field("accuracy", accuracy);
+        to.field("mesh_error", mesh_error);
         to.field("limits", limits);
     }
 }

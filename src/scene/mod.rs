@@ -110,6 +110,8 @@ pub struct Scene {
     pub adapts_steps: bool,
     /// The accuracy that the user requests: solver and settings are then chosen automatically.
     pub accuracy: Option<Accuracy>,
+    /// True for a second run on a finer mesh, which tells the error of the mesh.
+    pub mesh_error: bool,
     /// Limits of the quality of the motion; they judge a run and do not change it.
     pub limits: Limits,
     /// Origin of the scene's text, for errors found in its meshes.

@@ -244,6 +244,8 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         accuracy.flatten(),
         solver.as_ref(),
     ));
+    let mesh_error = root.get("mesh_error").map(|item| item.flag());
+    let mesh_error = all.keep(mesh_error.transpose());
     let limits = all.keep(limits::limits(root));
     all.end()?;
     Ok(Scene {
@@ -260,6 +262,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         solver: solver.unwrap_or_default(),
         adapts_steps: adapts_steps.unwrap_or_default(),
         accuracy: accuracy.flatten(),
+        mesh_error: mesh_error.flatten().unwrap_or_default(),
         limits: limits.unwrap_or_default(),
         origin: SceneOrigin::default(),
     })

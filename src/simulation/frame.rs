@@ -99,7 +99,20 @@ impl Simulation {
         }
     }
 
-    fn next_frame(&mut self, stop: Stop<'_>) -> bool {
+    pub(super) fn next_frame(&mut self, stop: Stop<'_>) -> bool {
+        let Some(mut finer) = self.finer.take() else {
+            return self.next_of_this_mesh(stop);
+        };
+        // It can be a frame ahead, if only the other one was stopped.
+        let done = finer.goes_to(self.frame + 1, stop) && self.next_of_this_mesh(stop);
+        if done {
+            finer.compare(self);
+        }
+        self.finer = Some(finer);
+        done
+    }
+
+    fn next_of_this_mesh(&mut self, stop: Stop<'_>) -> bool {
         let Some(mut refinement) = self.refinement.take() else {
             return self.compute_frame(stop);
         };

@@ -16,6 +16,7 @@ pub(crate) mod equilibrium;
 pub(crate) mod tracked;
 mod fault;
 mod fibres;
+mod finer_mesh;
 mod frame;
 mod ready;
 mod refinement;
@@ -59,6 +60,7 @@ pub use assets::Assets;
 pub use body::Body;
 pub(crate) use body::Stepper;
 pub use fault::{Fault, LoadError};
+use finer_mesh::FinerMesh;
 pub use measures::Measures;
 pub use plan::Plan;
 use refinement::{Refinement, Target};
@@ -110,6 +112,8 @@ pub struct Simulation {
     most_work: u64,
     /// The runs of a requested accuracy, of which it shows one.
     refinement: Option<Box<Refinement>>,
+    /// The same scene on a finer mesh, which tells the error of the mesh.
+    finer: Option<Box<FinerMesh>>,
     /// Where frames are computed; `None`: in the pool of the caller.
     pool: Option<rayon::ThreadPool>,
 }
@@ -130,6 +134,9 @@ impl Simulation {
     /// # Errors
     /// An impossible attachment.
     pub fn with(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
+        if scene.mesh_error {
+            return Self::with_finer_mesh(scene, assets, plan);
+        }
         let Some(accuracy) = scene.accuracy else {
             return Self::alone(scene, assets, plan);
         };
@@ -150,6 +157,23 @@ impl Simulation {
         };
         front.refinement = Some(Box::new(Refinement::new(run()?, run()?, usual, target)));
         front.scene.accuracy = Some(accuracy);
+        Ok(front)
+    }
+
+    /// A simulation with a run on a finer mesh beside it.
+    fn with_finer_mesh(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
+        let scene = Scene {
+            mesh_error: false,
+            ..scene
+        };
+        let finer = FinerMesh::new(&scene, &assets)?;
+        let mut front = Self::with(scene, assets, plan)?;
+        front.scene.mesh_error = true;
+        front.notes.push(format!(
+            "the error of the mesh is that against a second run with triangles a quarter as large: {} vertices",
+            finer.vertices()
+        ));
+        front.finer = Some(Box::new(finer));
         Ok(front)
     }
 
@@ -196,6 +220,7 @@ impl Simulation {
             work: 0,
             most_work: u64::MAX,
             refinement: None,
+            finer: None,
             pool: None,
             scene,
         };
@@ -285,6 +310,17 @@ impl Simulation {
         self.refinement.as_ref().map(|runs| runs.attained())
     }
 
+    /// The estimated error by the mesh, RMS over all vertices in the worst frame so far [m]: NaN if a muscle
+    /// stopped on the finer mesh, `None` if the scene does not ask for it.
+    pub fn mesh_error(&self) -> Option<f64> {
+        self.finer.as_ref().map(|finer| finer.all())
+    }
+
+    /// The same of one muscle.
+    pub fn mesh_error_of(&self, muscle: usize) -> Option<f64> {
+        self.finer.as_ref().map(|finer| finer.of_muscle(muscle))
+    }
+
     /// Sets the tolerance of equilibria in later frames.
     fn set_tolerance(&mut self, tolerance: f64) {
         let own = self.bodies.iter_mut().filter_map(Body::equilibrium_mut);
@@ -317,6 +353,7 @@ impl State for Simulation {
             work: _,
             most_work: _,
             refinement,
+            finer,
             pool: _,
             freed: _,
         } = self;
@@ -325,13 +362,16 @@ impl State for Simulation {
         if let Some(refinement) = refinement {
             // What it shows is a frame of another run.
             refinement.save(to);
-            return;
+        } else {
+            to.list(notes);
+            certificate.save(to);
+            control.save(to);
+            bodies.iter().for_each(|body| body.save(to));
+            groups.iter().for_each(|group| group.save(to));
         }
-        to.list(notes);
-        certificate.save(to);
-        control.save(to);
-        bodies.iter().for_each(|body| body.save(to));
-        groups.iter().for_each(|group| group.save(to));
+        if let Some(finer) = finer {
+            finer.save(to);
+        }
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), DecodeError> {
@@ -339,15 +379,19 @@ impl State for Simulation {
             let _: usize = from.take()?;
             let restored = refinement.restore(self, from);
             self.refinement = Some(refinement);
-            return restored;
+            restored?;
+        } else {
+            self.restore_shown(from)?;
+            // Counted anew where the restored state is.
+            self.lone.clear();
+            self.gather();
+            self.groups
+                .iter_mut()
+                .try_for_each(|group| group.restore(from))?;
         }
-        self.restore_shown(from)?;
-        // Counted anew where the restored state is.
-        self.lone.clear();
-        self.gather();
-        self.groups
+        self.finer
             .iter_mut()
-            .try_for_each(|group| group.restore(from))
+            .try_for_each(|finer| finer.restore(from))
     }
 }
 

@@ -31,14 +31,26 @@ impl Simulation {
                 body.shorten(self.frame as f64, 1.0, &self.placed);
             }
         }
+        self.leave_finer_mesh();
         if let Some(mut runs) = self.refinement.take() {
             runs.begin_at(self);
             self.refinement = Some(runs);
         }
     }
 
+    /// A finer mesh does not follow what is changed by hand.
+    fn leave_finer_mesh(&mut self) {
+        if self.finer.take().is_some() && self.frame > 0 {
+            let frame = self.frame;
+            self.notes.push(format!(
+                "changed by hand after frame {frame}: the error of the mesh is not told"
+            ));
+        }
+    }
+
     /// What moves by hand has no run beside it that tells its error.
     fn leave_accuracy(&mut self) {
+        self.leave_finer_mesh();
         if let Some(runs) = self.refinement.take() {
             runs.leave(self);
             let frame = self.frame;

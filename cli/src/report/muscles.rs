@@ -109,6 +109,7 @@ pub(super) fn output(
     }
     let attained = simulation.attained();
     let mut verdicts: Vec<Verdict> = attained.map(error::verdict_of).into_iter().collect();
+    verdicts.extend(simulation.mesh_error().map(error::verdict_of_mesh));
     for (m, summary) in muscles.iter().enumerate() {
         verdicts.extend(verdicts_of(simulation, m, summary));
     }

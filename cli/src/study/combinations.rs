@@ -458,6 +458,7 @@ fn shape_of(scene: &Scene) -> Scene {
         ..Effects::default()
     };
     (shape.frames, shape.frame_rate, shape.accuracy) = (0, 0.0, None);
+    shape.mesh_error = false;
     shape.solver = Solver::default();
     shape
         .bones

@@ -6,6 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::GeneratedShape;
 use crate::mesh::TriangleMesh;
+use crate::mesh::quarters::quarters;
 
 /// The regular tetrahedron of circumradius 1 m around the origin, corner 3 on the z axis.
 pub fn tetrahedron() -> TriangleMesh {
@@ -59,18 +60,14 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
     vertices.iter_mut().for_each(|v| *v = v.normalize());
     let mut triangles = hull_of_icosahedron(&vertices);
     for _ in 0..subdivisions {
-        let mut middles = BTreeMap::new();
-        let mut middle = |a: u32, b: u32| {
-            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
-                vertices.push((vertices[a as usize] + vertices[b as usize]).normalize());
-                vertices.len() as u32 - 1
-            })
-        };
-        let split = |&[a, b, c]: &[u32; 3]| {
-            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
-            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-        };
-        triangles = triangles.iter().flat_map(split).collect();
+        let (quarters, middles) = quarters(&triangles, vertices.len() as u32);
+        triangles = quarters;
+        let at = |v: u32| vertices[v as usize];
+        let middles: Vec<_> = middles
+            .iter()
+            .map(|&[a, b]| (at(a) + at(b)).normalize())
+            .collect();
+        vertices.extend(middles);
     }
     TriangleMesh {
         vertices: vertices.iter().map(|v| Point3::from(radius * v)).collect(),

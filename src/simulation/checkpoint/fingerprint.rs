@@ -37,6 +37,7 @@ impl Fingerprint {
             solver,
             adapts_steps,
             accuracy,
+            mesh_error,
             // They judge the motion and do not change it.
             limits: _,
             origin: _,
@@ -48,6 +49,7 @@ impl Fingerprint {
         print.add("`solver`".to_owned(), solver);
         print.add("`substeps`, given or not".to_owned(), adapts_steps);
         print.add("`accuracy`".to_owned(), accuracy);
+        print.add("`mesh_error`".to_owned(), mesh_error);
         if let Some(Accuracy::OfMotion(_)) = accuracy {
             // How far all frames move.
             print.add("`frames`, whose motion it is a share of".to_owned(), frames);

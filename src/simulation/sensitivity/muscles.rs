@@ -50,6 +50,7 @@ fn at_rest(scene: &Scene) -> Scene {
     Scene {
         solver: SolverQuestion::Equilibrium.minimised(1, TOLERANCE),
         accuracy: None,
+        mesh_error: false,
         adapts_steps: false,
         ..scene.clone()
     }
@@ -204,6 +205,7 @@ impl Settled for SettledMuscles {
         };
         let mut moving = Simulation::new(Scene {
             accuracy: None,
+            mesh_error: false,
             ..(**scene).clone()
         })?;
         while moving.frame() + 1 < frame {

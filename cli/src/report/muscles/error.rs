@@ -14,7 +14,7 @@ use pliant::simulation::{Attained, Simulation};
 pub struct ErrorEstimate {
     /// Distance from the converged solution of the same model [m].
     pub solver_m: f64,
-    /// Distance of that solution from one on a refined mesh [m].
+    /// Distance of that solution from one on an ever finer mesh [m].
     pub mesh_m: Option<f64>,
     /// Half of the interval that the parameters' intervals leave [m].
     pub parameters_m: Option<f64>,
@@ -26,20 +26,28 @@ impl ErrorEstimate {
     /// That of a muscle with this greatest residual [m].
     pub(super) fn of(simulation: &Simulation, m: usize, residual_m: f64) -> Self {
         let body = &simulation.bodies[m];
-        match simulation.attained() {
+        let of_solver = match simulation.attained() {
             Some(attained) => Self::by(attained.muscles_m[m], way(attained)),
             None => Self::by(body.error_estimate(residual_m), "the residual"),
+        };
+        Self {
+            mesh_m: simulation.mesh_error_of(m),
+            ..of_solver
         }
     }
 
     /// That of all muscles together: of all vertices, or of the worst muscle.
     pub(super) fn of_all(simulation: &Simulation, muscles: &[MuscleSummary]) -> Self {
-        match simulation.attained() {
+        let of_solver = match simulation.attained() {
             Some(attained) => Self::by(attained.error_m, way(attained)),
             None => {
                 let each = muscles.iter().map(|m| m.error_estimate.solver_m);
                 Self::by(max_or_nan(each), "the residual")
             }
+        };
+        Self {
+            mesh_m: simulation.mesh_error(),
+            ..of_solver
         }
     }
 
@@ -97,6 +105,12 @@ pub(super) fn steps(simulation: &Simulation, attained: &Attained) -> String {
             format!("{name}: substeps {mean:.1} in the mean, by the error of each frame")
         }
     }
+}
+
+/// The check of the second run, on a finer mesh.
+pub(super) fn verdict_of_mesh(mesh_m: f64) -> Verdict {
+    Verdict::new("the error of the mesh is known", mesh_m.is_finite())
+        .else_do("a muscle stops on the finer mesh: a shorter `edge_length` shows where")
 }
 
 /// The check of the requested accuracy, by the estimate.

@@ -115,7 +115,7 @@ fn times(record: &Record) -> LinePlot {
 type Shown = fn(&MuscleSummary) -> String;
 
 /// The rows of the table of muscles.
-const ROWS: [(&str, Shown); 23] = [
+const ROWS: [(&str, Shown); 24] = [
     ("vertices", |m| m.vertices.to_string()),
     ("triangles", |m| m.triangles.to_string()),
     ("vertices held by bones", |m| {
@@ -158,6 +158,9 @@ const ROWS: [(&str, Shown); 23] = [
     }),
     ("estimated error of the solver, worst frame [mm]", |m| {
         number(m.error_estimate.solver_m * 1e3)
+    }),
+    ("estimated error of the mesh, worst frame [mm]", |m| {
+        or_dash(m.error_estimate.mesh_m, 1e3)
     }),
     ("frames not converged", |m| {
         m.frames_not_converged.to_string()
@@ -209,9 +212,12 @@ pub(super) fn tables(muscles: &[MuscleSummary], record: &Record, solver: &str) -
 pub(super) fn text(muscles: &[MuscleSummary]) -> String {
     let mut text = String::from("\n");
     for m in muscles {
+        let of_mesh = m.error_estimate.mesh_m.map_or(String::new(), |mesh_m| {
+            format!(", {} mm by the mesh", number(mesh_m * 1e3))
+        });
         text.push_str(&format!(
             "  {}: {} vertices, {} held; edge stretch rms {:.2} % at worst (frame {}), {:.2} % at the end; \
-             estimated error {} mm (by {})\n",
+             estimated error {} mm (by {}){of_mesh}\n",
             m.name,
             m.vertices,
             m.vertices_attached,
