@@ -20,7 +20,7 @@ use crate::skin::ImplantSpec;
 use crate::skin::settle::SettleMethod;
 use crate::springs::Neighbours;
 use crate::springs::integrators::INTEGRATORS;
-use crate::springs::lattice::Stiffness;
+use crate::springs::lattice::{DEVICES, GPU_METHODS, Stiffness};
 
 /// A checked scene of any kind.
 #[derive(Clone, Debug, PartialEq)]
@@ -495,12 +495,21 @@ pub struct RestCourse {
     pub tolerance: f64,
     /// Whether the numbers of a lattice have single precision.
     pub is_single: bool,
+    /// Name of the device that computes a lattice.
+    pub device: &'static str,
+    /// Name of the method on a graphics card.
+    pub method: &'static str,
 }
 
 impl RestCourse {
     /// Name of the precision of the numbers: f32 or f64.
     pub fn precision(&self) -> &'static str {
         PRECISIONS[usize::from(!self.is_single)]
+    }
+
+    /// Whether a graphics card computes.
+    pub fn is_on_gpu(&self) -> bool {
+        self.device == DEVICES[1]
     }
 
     /// Whether steps of a lattice need no list of springs.
@@ -519,6 +528,8 @@ impl Default for RestCourse {
             adaptive: false,
             tolerance: 1e-6,
             is_single: false,
+            device: DEVICES[0],
+            method: GPU_METHODS[0],
         }
     }
 }

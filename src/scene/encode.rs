@@ -17,7 +17,6 @@ use crate::skin::implant::Implant;
 use crate::skin::layers::Tissue;
 use crate::skin::plan::{ImplantPlace, ImplantSpec};
 use crate::skin::settle::SettleMethod;
-use crate::springs::Neighbours;
 use crate::springs::lattice::Stiffness;
 
 impl Encode for Scene {
@@ -450,11 +449,7 @@ impl Encode for LatticeScene {
         to.field("frame_rate", frame_rate);
         to.field("points", points);
         to.field("side", side);
-        let neighbours: u32 = match neighbours {
-            Neighbours::Six => 6,
-            Neighbours::TwentySix => 26,
-        };
-        to.field("neighbours", &neighbours);
+        to.field("neighbours", &neighbours.count());
         to.field("stiffness", stiffness);
         to.field("mass", mass);
         to.field("damping", damping);
@@ -492,6 +487,8 @@ impl Encode for RestCourse {
             adaptive,
             tolerance,
             is_single: _,
+            device,
+            method,
         } = self;
         to.field("shrink", shrink);
         to.field("held", held);
@@ -500,6 +497,8 @@ impl Encode for RestCourse {
         to.field("adaptive", adaptive);
         to.field("tolerance", tolerance);
         to.choice(self.precision());
+        to.field("device", device);
+        to.field("method", method);
     }
 }
 

@@ -10,7 +10,7 @@ use super::reader::{Limit, Section};
 use super::units::Dimension;
 use crate::springs::Neighbours;
 use crate::springs::integrators::INTEGRATORS;
-use crate::springs::lattice::Stiffness;
+use crate::springs::lattice::{DEVICES, GPU_METHODS, Stiffness};
 
 type Read<T> = Result<T, SceneError>;
 
@@ -72,11 +72,11 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
     }
     let neighbours = match section.get("neighbours") {
         None => Neighbours::TwentySix,
-        Some(item) => match item.whole(6, 26)? {
-            6 => Neighbours::Six,
-            26 => Neighbours::TwentySix,
-            other => return item.fail(SceneProblem::out_of_range(&other.to_string(), "6 or 26")),
-        },
+        Some(item) => {
+            let count = item.whole(6, 26)?;
+            let refused = || SceneProblem::out_of_range(&count.to_string(), "6, 18 or 26");
+            Neighbours::of_count(count).ok_or_else(|| item.error(refused()))?
+        }
     };
     let release = section.get("release");
     let at = release.as_ref().map_or(Ok(frames.div_ceil(2)), |item| {
@@ -139,34 +139,48 @@ fn course(section: &Section<'_>) -> Read<RestCourse> {
         let problem = SceneProblem::out_of_range(&number.to_string(), "a number below 1");
         Err(section.error_at(key, problem))
     };
-    let integrator = match section.get("integrator") {
-        None => default.integrator,
-        Some(item) => {
-            let name = item.text(default.integrator)?;
-            let known = INTEGRATORS.into_iter().find(|known| *known == name);
-            known.ok_or_else(|| {
-                item.error(unknown_name("integrator", name, INTEGRATORS.into_iter()))
-            })?
-        }
-    };
+    let name_of =
+        |key: &'static str, known: &[&'static str], default: &'static str| match section.get(key) {
+            None => Ok(default),
+            Some(item) => {
+                let name = item.text(default)?;
+                let found = known.iter().find(|known| **known == name);
+                found
+                    .copied()
+                    .ok_or_else(|| item.error(unknown_name(key, name, known.iter().copied())))
+            }
+        };
+    let device = name_of("device", &DEVICES, default.device)?;
+    let is_on_gpu = device == DEVICES[1];
+    let precision = PRECISIONS[usize::from(!is_on_gpu)];
+    let precision = name_of("precision", &PRECISIONS, precision)?;
+    if let (Some(item), true) = (
+        section.get("precision"),
+        is_on_gpu && precision != PRECISIONS[0],
+    ) {
+        return item.fail(SceneProblem::Override {
+            message: "a graphics card computes in single precision".to_owned(),
+            hint: "leave `precision` out, or take `device = \"cpu\"`".to_owned(),
+        });
+    }
+    if let (Some(item), false) = (section.get("method"), is_on_gpu) {
+        return item.fail(SceneProblem::Override {
+            message: "the methods are those of a graphics card".to_owned(),
+            hint: "leave `method` out, or take `device = \"gpu\"`".to_owned(),
+        });
+    }
     Ok(RestCourse {
         shrink: below_one("shrink", Limit::Within(-1.0, 1.0), default.shrink)?,
         held: flag("held", default.held)?,
-        integrator,
+        integrator: name_of("integrator", &INTEGRATORS, default.integrator)?,
         time_step: section
             .get("time_step")
             .map(|item| item.quantity(Dimension::Time, Limit::Positive))
             .transpose()?,
         adaptive: flag("adaptive", default.adaptive)?,
         tolerance: below_one("tolerance", Limit::Positive, default.tolerance)?,
-        is_single: match section.get("precision") {
-            None => default.is_single,
-            Some(item) => {
-                let name = item.text(default.precision())?;
-                let known = PRECISIONS.into_iter();
-                let place = known.clone().position(|known| known == name);
-                place.ok_or_else(|| item.error(unknown_name("precision", name, known)))? == 0
-            }
-        },
+        is_single: precision == PRECISIONS[0],
+        device,
+        method: name_of("method", &GPU_METHODS, default.method)?,
     })
 }

@@ -156,6 +156,8 @@ const REST: Schema = Schema::Listed(&[
     ("adaptive", Plain),
     ("tolerance", Plain),
     ("precision", Text),
+    ("device", Text),
+    ("method", Text),
 ]);
 
 pub(super) const BONE: Schema = Schema::Listed(&[

@@ -64,6 +64,12 @@ pub enum SpringsModelError {
         /// The tolerance that is asked for.
         tolerance: f64,
     },
+    /// Only steps without a list of springs run on a graphics card.
+    #[error("{0}: only the integrator verlet with equal steps runs on a graphics card")]
+    OnlyCpu(&'static str),
+    /// There is no graphics card that takes the lattice.
+    #[error("{0}")]
+    NoGpu(String),
     /// The lattice is not valid.
     #[error(transparent)]
     Lattice(#[from] LatticeError),
@@ -82,6 +88,7 @@ impl SpringsModelError {
             Self::NoEstimate => "lattice.damping",
             Self::TooLong { .. } => "lattice.rest.time_step",
             Self::OnlyDouble(_) => "lattice.rest.precision",
+            Self::OnlyCpu(_) | Self::NoGpu(_) => "lattice.rest.device",
             Self::NoSquares(_) => "lattice.side",
             Self::TooCoarse { .. } => "lattice.rest.tolerance",
             Self::NoIntegrator(_) | Self::TooSmall(_) | Self::NeverStable(_) => {
@@ -98,6 +105,8 @@ impl SpringsModelError {
             Self::NoIntegrator(_) => "take another `integrator`",
             Self::TooSmall(_) => "give a greater `mass`",
             Self::OnlyDouble(_) => "leave `precision` out, or take `integrator = \"verlet\"`",
+            Self::OnlyCpu(_) => "take `device = \"cpu\"`, or `integrator = \"verlet\"`",
+            Self::NoGpu(_) => "take `device = \"cpu\"`",
             Self::NoSquares(_) => "give another `side`",
             Self::TooCoarse { .. } => "give a greater `tolerance`, or `precision = \"f64\"`",
             Self::NeverStable(_) => "give `damping`, or take another `integrator`",
@@ -337,6 +346,9 @@ impl SpringsRun {
             .map_err(|error| refused(error.into()))?;
         let (frames, frame_rate) = (scene.frames, scene.frame_rate);
         let made = match (course.is_by_rows(), course.is_single) {
+            (false, _) if course.is_on_gpu() => Err(SpringsModelError::OnlyCpu(course.integrator)),
+            // Its start is computed in double precision.
+            (true, _) if course.is_on_gpu() => rows::run::<f64>(scene, &shape, &course),
             (true, false) => rows::run::<f64>(scene, &shape, &course),
             (true, true) => rows::run::<f32>(scene, &shape, &course),
             (false, true) => Err(SpringsModelError::OnlyDouble(course.integrator)),
@@ -369,6 +381,14 @@ impl SpringsRun {
         match &self.moving {
             Moving::List { system, .. } => system.damping,
             Moving::Rows(rows) => rows.damping(),
+        }
+    }
+
+    /// Name of the graphics card that computes, and bytes on it; `None` on the processor.
+    pub fn card(&self) -> Option<(&str, u64)> {
+        match &self.moving {
+            Moving::List { .. } => None,
+            Moving::Rows(rows) => rows.card(),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Lattices of points with springs: fast, since they need no list of springs.
 //!
-//! Each point of a box of `nx * ny * nz` points has springs to its 6 nearest neighbours or to all
+//! Each point of a box of `nx * ny * nz` points has springs to its 6 nearest neighbours, to 18, or to all
 //! 26. A step is explicit (Verlet, damping by a backward difference, (3.8) of the source):
 //!
 //! ```text
@@ -28,6 +28,8 @@
 mod advance;
 mod aligned;
 mod error;
+#[cfg(feature = "gpu")]
+pub(crate) mod gpu;
 mod kernel;
 mod measure;
 mod rest;
@@ -47,6 +49,13 @@ pub(crate) use stability::{largest_stiffness, stability_limit};
 use super::damping::{self, DampedBody};
 use super::neighbours::Neighbours;
 use crate::simd::{Number, SimdWidth};
+
+/// Names of the devices that can compute a lattice.
+pub const DEVICES: [&str; 2] = ["cpu", "gpu"];
+
+/// Names of the methods on a graphics card: forces and motion in one pass; each point gathers its forces, then each
+/// moves; each spring stores its force, then each point takes those of its springs.
+pub const GPU_METHODS: [&str; 3] = ["single", "point", "edge"];
 
 /// Stiffness D of a spring as a function of its rest length.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -424,7 +433,8 @@ fn frame<F: Number>(shape: &LatticeShape, settings: &LatticeSettings, lost: f64)
     Frame {
         rows: ny,
         run,
-        diagonal: settings.neighbours == Neighbours::TwentySix,
+        // With 18 neighbours the springs along xyz have no stiffness.
+        diagonal: settings.neighbours != Neighbours::Six,
         straight: [spring([0, 1, 0]), spring([0, 0, 1]), spring([0, 1, 1])],
         sloped: [
             sloped([1, 0, 0]),

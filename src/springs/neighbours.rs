@@ -5,6 +5,8 @@
 pub enum Neighbours {
     /// The nearest along each axis: preserves lengths, not the shape.
     Six,
+    /// The nearest along each axis and across each face of a cell: preserves the shape.
+    Eighteen,
     /// All around, including diagonals: preserves the shape.
     TwentySix,
 }
@@ -27,10 +29,20 @@ const HALF: [[i32; 3]; 13] = [
 ];
 
 impl Neighbours {
-    /// The number: 6 or 26.
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::Six, Self::Eighteen, Self::TwentySix];
+
+    /// The kind with this number.
+    #[must_use]
+    pub fn of_count(count: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.count() == count)
+    }
+
+    /// The number: 6, 18 or 26.
     pub fn count(self) -> u32 {
         match self {
             Self::Six => 6,
+            Self::Eighteen => 18,
             Self::TwentySix => 26,
         }
     }
@@ -39,13 +51,14 @@ impl Neighbours {
     pub(super) fn half(self) -> &'static [[i32; 3]] {
         match self {
             Self::Six => &HALF[..3],
+            Self::Eighteen => &HALF[..9],
             Self::TwentySix => &HALF,
         }
     }
 
     /// Exact number of springs of a lattice with these numbers of points along x, y and z. For n^3
-    /// points and 6 neighbours 3 n^2 (n - 1); for 26 neighbours additionally 6 n (n - 1)^2 + 4 (n -
-    /// 1)^3.
+    /// points and 6 neighbours 3 n^2 (n - 1); for 18 neighbours additionally 6 n (n - 1)^2; for 26
+    /// neighbours 4 (n - 1)^3 more.
     pub fn springs(self, points: [usize; 3]) -> usize {
         let along = |step: &[i32; 3]| -> usize {
             (0..3)

@@ -22,7 +22,7 @@ mod tables;
 
 use plain::{Plain, springs};
 
-const BOTH: [Neighbours; 2] = [Neighbours::Six, Neighbours::TwentySix];
+const ALL: [Neighbours; 3] = Neighbours::ALL;
 
 /// Shapes whose rows are shorter than, equal to and longer than registers; sheets, chains and a
 /// single point.
@@ -111,7 +111,7 @@ const SINGLE: f64 = 1800.0 * f32::EPSILON as f64;
 #[test]
 fn a_step_is_that_of_a_plain_list_of_springs() {
     for points in SHAPES {
-        for neighbours in BOTH {
+        for neighbours in ALL {
             let (double, single) = (
                 apart::<f64>(points, neighbours, |_| ()),
                 apart::<f32>(points, neighbours, |_| ()),
@@ -131,7 +131,7 @@ fn a_step_is_that_of_a_plain_list_of_springs() {
 
 #[test]
 fn a_list_that_is_wrong_in_one_spring_or_one_point_is_told_apart() {
-    for neighbours in BOTH {
+    for neighbours in ALL {
         let spoils: [fn(&mut Plain); 4] = [
             |plain| plain.springs.truncate(plain.springs.len() - 1),
             |plain| plain.springs[7].rest *= 1.02,
@@ -152,7 +152,7 @@ fn a_list_that_is_wrong_in_one_spring_or_one_point_is_told_apart() {
 }
 
 fn same_bits<F: Number>() {
-    for neighbours in BOTH {
+    for neighbours in ALL {
         // The last shapes are divided into slabs of 8 planes, and of 5 with a single plane left.
         for points in [[5, 5, 5], [17, 3, 2], [9, 4, 1], [33, 20, 30], [40, 26, 31]] {
             let after = |width: SimdWidth, threads: usize, pairs: bool, spoil: bool| {
@@ -200,7 +200,7 @@ fn threads_and_widths_leave_the_same_bits() {
 
 #[test]
 fn moves_of_pairs_are_those_of_single_steps() {
-    for neighbours in BOTH {
+    for neighbours in ALL {
         for points in [[5, 5, 5], [33, 20, 30]] {
             let (mut pairs, mut single) = (
                 shaken::<f64>(points, neighbours, SimdWidth::best()),
@@ -260,7 +260,7 @@ fn springs_are_counted() {
         [5, 10, 100].map(|n| Neighbours::TwentySix.springs([n; 3])),
         [1036, 10_476, 12_731_796]
     );
-    for neighbours in BOTH {
+    for neighbours in ALL {
         for points in SHAPES {
             assert_eq!(
                 neighbours.springs(points),
@@ -305,7 +305,7 @@ fn springs_without_length_pull_nowhere() {
 
 #[test]
 fn a_free_lattice_keeps_its_centre() {
-    for neighbours in BOTH {
+    for neighbours in ALL {
         let free = LatticeSettings {
             damping: Some(0.0),
             ..settings(neighbours)
@@ -472,7 +472,7 @@ fn exact_stiffness(shape: &LatticeShape, settings: &LatticeSettings) -> f64 {
 
 #[test]
 fn the_largest_stiffness_is_the_matrix_s() {
-    for neighbours in BOTH {
+    for neighbours in ALL {
         for points in [[5, 5, 5], [4, 3, 2], [6, 1, 3], [2, 1, 1]] {
             let (shape, settings) = (shape(points), settings(neighbours));
             let (found, exact) = (

@@ -100,12 +100,13 @@ fn controls(start: &LatticeScene, now: &LatticeScene) -> Vec<Control> {
         let shown = Shown::even("", 0.0, (4.0 * start).clamp(2.0, 10.0));
         list.slider("lattice", "damping", path("damping"), now, shown);
     }
-    let chosen = usize::from(now.neighbours == Neighbours::TwentySix);
+    let kinds = Neighbours::ALL.into_iter();
+    let chosen = kinds.take_while(|kind| *kind != now.neighbours).count();
     list.other(
         "lattice",
         "neighbours",
         path("neighbours"),
-        panel::Kind::Choice(vec!["6", "26"]),
+        panel::Kind::Choice(vec!["6", "18", "26"]),
         Value::Choice(chosen),
     );
     list.0

@@ -23,6 +23,7 @@ use nearing::Nearing;
 use pliant::scene::{Content, PRECISIONS};
 use pliant::simulation::{self, Ended, Observer, Scenario, SpringsRun};
 use pliant::springs::integrators::INTEGRATORS;
+use pliant::springs::lattice::{DEVICES, GPU_METHODS};
 use pliant::springs::{Neighbours, RestEnd};
 use written::Record;
 
@@ -42,6 +43,7 @@ Examples:
   pliant springs examples/lattice-5x5x5.springs --mass 8 --damping 9 --dt 0.01 --every 50
   pliant springs --lattice 10x10x10 --neighbours 26
   pliant springs --lattice 5x5x5 --integrator implicit --dt 0.5 --json > rest.json
+  pliant springs --lattice 100x100x100 --device gpu --method single
   pliant springs --lattice 5x5x5 --print-scene > rest.toml
 
 A file holds points, surface triangles, springs with stiffness, fibres and attachment areas as text; docs/springs.md has the
@@ -63,7 +65,7 @@ pub(super) struct Arguments {
     /// A lattice of points instead of a file, such as 50x50x50
     #[arg(long, value_name = "NxNxN", value_parser = text::sides)]
     lattice: Option<[usize; 3]>,
-    /// Number of neighbours of each point of a lattice: 6 or 26 [default: 6]
+    /// Number of neighbours of each point of a lattice: 6, 18 or 26 [default: 6]
     #[arg(long, value_name = "N", requires = "lattice", conflicts_with = "file", value_parser = neighbours)]
     neighbours: Option<Neighbours>,
     /// Longest side of a lattice [m] [default: 1]
@@ -81,9 +83,17 @@ pub(super) struct Arguments {
     /// Integrator
     #[arg(long, value_name = "NAME", default_value = "verlet", value_parser = INTEGRATORS)]
     integrator: String,
-    /// Precision of a lattice: f64, or f32 for steps of twice the speed that tell rest less finely
-    #[arg(long, value_name = "F", default_value = "f64", value_parser = PRECISIONS)]
-    precision: String,
+    /// Precision of a lattice: f64, or f32 for steps of twice the speed that tell rest less finely [default: f64; f32 on a
+    /// graphics card]
+    #[arg(long, value_name = "F", value_parser = PRECISIONS)]
+    precision: Option<String>,
+    /// Device of a lattice: cpu, or gpu for a graphics card
+    #[arg(long, value_name = "NAME", default_value = "cpu", value_parser = DEVICES)]
+    device: String,
+    /// Method on a graphics card: single, forces and motion in one pass; point, each point gathers its forces; edge, each
+    /// spring stores its force [default: single]
+    #[arg(long, value_name = "NAME", value_parser = GPU_METHODS)]
+    method: Option<String>,
     /// Adaptive time step: it grows while it is stable; an unstable step is repeated with half the
     /// length
     #[arg(long)]
@@ -111,11 +121,8 @@ pub(super) struct Arguments {
 }
 
 fn neighbours(text: &str) -> Result<Neighbours, String> {
-    match text {
-        "6" => Ok(Neighbours::Six),
-        "26" => Ok(Neighbours::TwentySix),
-        _ => Err("a point has 6 or 26 neighbours".to_owned()),
-    }
+    let kind = text.parse().ok().and_then(Neighbours::of_count);
+    kind.ok_or_else(|| "a point has 6, 18 or 26 neighbours".to_owned())
 }
 
 fn parsed(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {

@@ -18,7 +18,10 @@ pub struct Summary {
     neighbours: u32,
     precision: &'static str,
     device: &'static str,
-    /// How the steps are computed: rows of a lattice, or a list of springs.
+    /// Name of the graphics card, and bytes on it.
+    card: Option<String>,
+    card_bytes: Option<u64>,
+    /// How the steps are computed: rows of a lattice, a list of springs, or a method of a graphics card.
     method: &'static str,
     integrator: String,
     pub(crate) adaptive: bool,
@@ -77,8 +80,11 @@ impl Summary {
             springs: run.springs,
             neighbours: run.neighbours.count(),
             precision: run.course.precision(),
-            device: "cpu",
+            device: run.course.device,
+            card: run.card().map(|(name, _)| name.to_owned()),
+            card_bytes: run.card().map(|(_, bytes)| bytes),
             method: match run.is_by_rows() {
+                true if run.course.is_on_gpu() => run.course.method,
                 true => "rows",
                 false => "list",
             },
@@ -182,9 +188,16 @@ pub fn settings(s: &Summary) -> Table {
         ("springs", s.springs.to_string()),
         (
             "computed by",
-            match s.method {
-                "rows" => format!("rows of the lattice, {}", s.precision),
-                _ => format!("a list of springs, {}", s.precision),
+            match (s.method, &s.card) {
+                (method, Some(card)) => {
+                    format!(
+                        "{card}, method {method}, {} bytes on it, {}",
+                        s.card_bytes.unwrap_or(0),
+                        s.precision
+                    )
+                }
+                ("rows", None) => format!("rows of the lattice, {}", s.precision),
+                (_, None) => format!("a list of springs, {}", s.precision),
             },
         ),
         ("integrator", format!("{}{adaptive}", s.integrator)),

@@ -246,7 +246,7 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
             ],
             "GiB of memory",
         ),
-        (&["--lattice", "5x5x5", "--neighbours", "7"], "6 or 26"),
+        (&["--lattice", "5x5x5", "--neighbours", "7"], "6, 18 or 26"),
         (&[FILE, "--neighbours", "26"], "cannot be used with"),
         (
             &["--lattice", "5x5x5", "--mass", "1e-320"],

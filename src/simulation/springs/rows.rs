@@ -1,5 +1,7 @@
 //! The steps of a lattice without a list of springs.
 
+mod gpu;
+
 use nalgebra::{Point3, Vector3};
 
 use super::{Moving, SpringsModelError, SpringsRun, StepRecord, absolute, shrink, time_step};
@@ -56,6 +58,10 @@ pub(super) trait Rows: Send {
     fn positions(&self) -> Vec<Point3<f64>>;
     fn velocities(&self) -> Vec<Vector3<f64>>;
     fn speeds(&self) -> Vec<f64>;
+    /// Name of the graphics card that computes, and bytes on it.
+    fn card(&self) -> Option<(&str, u64)> {
+        None
+    }
 }
 
 impl<F: Number> Rows for Lattice<F> {
@@ -162,7 +168,12 @@ pub(super) fn run<F: Number>(
     if course.is_single {
         // Coordinates are rounded as those of the far corner are.
         let spacing = size.norm() / (shape.count() as f64).cbrt();
-        let rounds = ABOVE_ROUNDING * f64::from(f32::EPSILON) * size.amax() / spacing;
+        // A graphics card has displacements from rest in place of coordinates.
+        let greatest = match course.is_on_gpu() {
+            true => 0.5 * course.shrink.abs() * size.amax(),
+            false => size.amax(),
+        };
+        let rounds = ABOVE_ROUNDING * f64::from(f32::EPSILON) * greatest / spacing;
         // What moves a point by less than its rounding in a step does not move it.
         let still = scene.mass / (dt * dt * row_sum);
         let rounds = rounds * if still > 1.0 { still } else { 1.0 };
@@ -205,12 +216,23 @@ pub(super) fn run<F: Number>(
         surface,
         skips: false,
         pause: usize::MAX,
-        moving: Moving::Rows(Box::new(lattice)),
+        moving: Moving::Rows(moved_by(lattice, course)?),
     };
     // Nothing moves yet.
     (run.last.dt, run.last.energy.kinetic) = (0.0, 0.0);
     run.judge();
     Ok(run)
+}
+
+/// A lattice on the device of its course.
+fn moved_by<F: Number>(
+    lattice: Lattice<F>,
+    course: &RestCourse,
+) -> Result<Box<dyn Rows>, SpringsModelError> {
+    match course.is_on_gpu() {
+        true => gpu::of(&lattice, course.method).map_err(SpringsModelError::NoGpu),
+        false => Ok(Box::new(lattice)),
+    }
 }
 
 /// Moves and holds the surface.

@@ -44,6 +44,9 @@ pub enum StepError {
         /// Iterations of Newton's method.
         iterations: usize,
     },
+    /// A graphics card no longer answers.
+    #[error("the graphics device no longer answers")]
+    DeviceLost,
     /// The step is unstable at its least length.
     #[error("even a step of {dt} s is not stable")]
     TooLong {

@@ -33,7 +33,7 @@ pub(super) struct Frame<F> {
     pub rows: usize,
     /// Length of a run: points along x and padding.
     pub run: usize,
-    /// True if springs go to all 26 neighbours.
+    /// True if springs go to more than the 6 nearest neighbours.
     pub diagonal: bool,
     /// Directions y, z, yz.
     pub straight: [Spring<F>; 3],

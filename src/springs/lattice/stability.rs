@@ -23,7 +23,7 @@ pub(super) struct Direction {
     unit: Vector3<f64>,
 }
 
-/// The 3 or 13 directions of springs; each also represents its opposite.
+/// The 3, 9 or 13 directions of springs; each also represents its opposite.
 pub(super) fn directions(shape: &LatticeShape, settings: &LatticeSettings) -> Vec<Direction> {
     let direction = |&step: &[i32; 3]| {
         let along = Vector3::from([0, 1, 2].map(|c| f64::from(step[c]) * shape.spacing[c]));
@@ -43,7 +43,7 @@ pub(super) fn directions(shape: &LatticeShape, settings: &LatticeSettings) -> Ve
 /// Largest eigenvalue of the stiffness matrix of the free lattice at rest; pinned points only
 /// reduce it.
 ///
-/// Six neighbours: `4 D sin^2(pi (n - 1) / (2 n))`, exact. Twenty-six neighbours: by power
+/// Six neighbours: `4 D sin^2(pi (n - 1) / (2 n))`, exact. More neighbours: by power
 /// iteration. For large lattices the value of the infinite lattice, which is a bound: missing
 /// springs only remove energy.
 pub fn largest_stiffness(shape: &LatticeShape, settings: &LatticeSettings) -> f64 {
@@ -61,8 +61,8 @@ pub fn largest_stiffness(shape: &LatticeShape, settings: &LatticeSettings) -> f6
             };
             all.iter().map(of).fold(0.0, f64::max)
         }
-        Neighbours::TwentySix if shape.count() <= ITERATED => iterated(shape, &all),
-        Neighbours::TwentySix => endless(&all),
+        _ if shape.count() <= ITERATED => iterated(shape, &all),
+        _ => endless(&all),
     }
 }
 

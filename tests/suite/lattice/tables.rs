@@ -5,9 +5,7 @@
 //! move of at least 6.3e-7. The rows of 10^3 and 20^3 points and those of 26 neighbours come from
 //! another, unknown disturbance.
 
-use super::{
-    BOTH, Lattice, LatticeRestSettings, LatticeSettings, LatticeShape, Neighbours, Number,
-};
+use super::{ALL, Lattice, LatticeRestSettings, LatticeSettings, LatticeShape, Neighbours, Number};
 
 const MASSES: [f64; 7] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125];
 
@@ -166,7 +164,7 @@ fn the_estimate_of_damping() {
     assert!(
         (LatticeSettings::new(Neighbours::Six).damping_estimate(&small) - 10.954).abs() <= 1e-3
     );
-    for neighbours in BOTH {
+    for neighbours in ALL {
         assert_eq!(
             LatticeSettings::new(neighbours).damping_estimate(&LatticeShape::unit_cube(1)),
             0.0

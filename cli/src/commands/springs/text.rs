@@ -7,6 +7,7 @@ use pliant::scene::{PRECISIONS, RestCourse, SpringsDamping};
 use pliant::simulation::SpringsModelError;
 use pliant::springs::Neighbours;
 use pliant::springs::integrators::INTEGRATORS;
+use pliant::springs::lattice::DEVICES;
 
 /// Words of scenes in advice, and those of this command.
 const WORDS: &[(&str, &str)] = &[
@@ -19,6 +20,10 @@ const WORDS: &[(&str, &str)] = &[
     ("`tolerance`", "--tolerance"),
     ("`precision = \"f64\"`", "--precision f64"),
     ("`precision`", "--precision"),
+    ("`device = \"cpu\"`", "--device cpu"),
+    ("`device = \"gpu\"`", "--device gpu"),
+    ("`device`", "--device"),
+    ("`method`", "--method"),
     ("`integrator = \"verlet\"`", "--integrator verlet"),
     ("`side`", "--side"),
     ("`mass`", "--mass"),
@@ -65,8 +70,14 @@ pub(super) fn scene(arguments: &Arguments, points: [usize; 3], frames: usize) ->
     }
     made.put("adaptive", arguments.adaptive.to_string(), "--adaptive");
     made.put("tolerance", number(arguments.tolerance), "--tolerance");
-    if arguments.precision != PRECISIONS[1] {
-        made.put_text("precision", "--precision", &arguments.precision);
+    if let Some(precision) = &arguments.precision {
+        made.put_text("precision", "--precision", precision);
+    }
+    if arguments.device != DEVICES[0] {
+        made.put_text("device", "--device", &arguments.device);
+    }
+    if let Some(method) = &arguments.method {
+        made.put_text("method", "--method", method);
     }
     made
 }
@@ -96,12 +107,26 @@ pub(super) fn course(arguments: &Arguments) -> Result<(SpringsDamping, RestCours
         time_step: arguments.dt,
         adaptive: arguments.adaptive,
         tolerance: arguments.tolerance,
-        is_single: false,
+        ..RestCourse::default()
     };
-    if arguments.precision != PRECISIONS[1] {
+    let is_single = arguments.precision.as_deref() == Some(PRECISIONS[0]);
+    let of_lattices = [
+        (is_single, "single precision is", "--precision"),
+        (
+            arguments.device != DEVICES[0],
+            "a graphics card is",
+            "--device",
+        ),
+        (
+            arguments.method.is_some(),
+            "the method of a graphics card is",
+            "--method",
+        ),
+    ];
+    if let Some((_, what, option)) = of_lattices.into_iter().find(|(is_given, ..)| *is_given) {
         return Err(Failure::usage(
-            "single precision is for lattices",
-            "leave --precision out, or give --lattice",
+            format!("{what} for lattices"),
+            format!("leave {option} out, or give --lattice"),
         ));
     }
     Ok((damping, course))
