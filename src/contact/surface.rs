@@ -3,7 +3,9 @@
 use nalgebra::{Point3, Vector3};
 use parry3d_f64::bounding_volume::{Aabb as ParryAabb, BoundingVolume};
 use parry3d_f64::math::Vector as Glam;
-use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
+use parry3d_f64::partitioning::{
+    Bvh, BvhBuildStrategy, BvhNodeIndex, BvhWorkspace, TraversalAction,
+};
 use parry3d_f64::query::{PointQuery, Ray, RayCast};
 use parry3d_f64::shape::Triangle;
 
@@ -25,6 +27,14 @@ pub struct Surface {
 
 fn glam(p: &Point3<f64>) -> Glam {
     Glam::new(p.x, p.y, p.z)
+}
+
+fn from_parry(bounds: &ParryAabb) -> Aabb {
+    let point = |v: parry3d_f64::math::Vector| Point3::new(v.x, v.y, v.z);
+    Aabb {
+        min: point(bounds.mins),
+        max: point(bounds.maxs),
+    }
 }
 
 fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
@@ -66,6 +76,43 @@ pub(super) fn box_pairs_between(first: &[Aabb], second: &[Aabb]) -> Vec<[u32; 2]
 const SLACK: f64 = 1.2;
 
 impl Surface {
+    /// The boxes of the hierarchy over its triangles, by levels: the first has the box of all. A triangle stays in all
+    /// levels below its own, so that each level covers the surface. It ends before a level with more than `most` boxes.
+    pub fn boxes_by_level(&self, most: usize) -> Vec<Vec<Aabb>> {
+        let of = |found: &[(BvhNodeIndex, Aabb, bool)]| found.iter().map(|(_, b, _)| *b).collect();
+        let (mut now, mut all) = (self.children(None), Vec::new());
+        if !now.is_empty() {
+            let root = self.bvh.root_aabb();
+            all.push(vec![from_parry(&root)]);
+        }
+        while now.len() <= most
+            && all
+                .last()
+                .is_some_and(|last: &Vec<Aabb>| last.len() < now.len())
+        {
+            all.push(of(&now));
+            let below = |node: &(BvhNodeIndex, Aabb, bool)| match node {
+                (_, _, true) => vec![*node],
+                (index, _, false) => self.children(Some(*index)),
+            };
+            now = now.iter().flat_map(below).collect();
+        }
+        all
+    }
+
+    /// The nodes below one, or below the root: each with its box, and whether it has one triangle.
+    fn children(&self, of: Option<BvhNodeIndex>) -> Vec<(BvhNodeIndex, Aabb, bool)> {
+        let mut found = Vec::new();
+        self.bvh.traverse_indexed(of, |node, index| {
+            if Some(index) == of {
+                return TraversalAction::Continue;
+            }
+            found.push((index, from_parry(&node.aabb()), node.is_leaf()));
+            TraversalAction::Prune
+        });
+        found
+    }
+
     /// Builds the hierarchy. The signs come from angle-weighted pseudo-normals \[baerentzen2005\]
     /// for a closed and consistently oriented mesh, otherwise from the generalised winding number
     /// \[jacobson2013\].

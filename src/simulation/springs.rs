@@ -522,6 +522,26 @@ impl SpringsRun {
         }
     }
 
+    /// Makes some steps and returns the time that they take [s], with a reading of all positions after each if
+    /// `reads` is given: beside the next step if it is true. On the processor there is nothing to read.
+    ///
+    /// # Errors
+    /// A step failed.
+    pub fn pace(&mut self, steps: u64, reads: Option<bool>) -> Result<f64, StepError> {
+        let begin = Instant::now();
+        match &mut self.moving {
+            Moving::List {
+                system, advance, ..
+            } => {
+                for _ in 0..steps {
+                    advance(system)?;
+                }
+            }
+            Moving::Rows(rows) => rows.pace(steps, reads).map_err(|(error, _)| error)?,
+        }
+        Ok(begin.elapsed().as_secs_f64())
+    }
+
     /// Mean time of a step, without its measures [s]; `None` before the first.
     pub fn step_s(&self) -> Option<f64> {
         (self.measured > 0).then(|| self.steps_s / self.measured as f64)

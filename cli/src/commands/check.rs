@@ -1,6 +1,7 @@
 //! `pliant check`: defects of meshes, their fitness for simulations, and repairs.
 
 mod checked;
+mod hierarchy;
 mod overlaps;
 mod words;
 
@@ -30,6 +31,7 @@ Examples:
   pliant check muscles/*.obj --unit mm --json > health.json
   pliant check psoas.vtk --repair repaired --close-holes
   pliant check scan.stl --unit mm --repair repaired --merge-within '0.01 mm' --keep-largest
+  pliant check femur.obj --hierarchy pictures
   pliant check psoas.obj iliacus.obj --fixed femur.obj hip.obj --part parted
 
 A repair merges vertices of rims that lie in one place, drops repeated triangles and unused vertices, cuts triangles
@@ -57,6 +59,9 @@ pub(super) struct Arguments {
     /// Part meshes that overlap and write them into this folder, each under its own name
     #[arg(long, value_name = "DIR", conflicts_with = "repair")]
     part: Option<PathBuf>,
+    /// Write pictures of the hierarchy of boxes over each mesh, by levels, into this folder
+    #[arg(long, value_name = "DIR")]
+    hierarchy: Option<PathBuf>,
     /// Also search for overlap with these meshes, which --part does not move, such as bones
     #[arg(long, value_name = "MESH", num_args = 1..)]
     fixed: Vec<PathBuf>,
@@ -105,6 +110,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         _ => overlaps::find(&arguments.meshes, &arguments.fixed, parted)?,
     };
     let mut output = output(arguments, &outcomes, repaired, &overlaps);
+    if let Some(folder) = &arguments.hierarchy {
+        let pictures = hierarchy::write(folder, &arguments.meshes)?;
+        output
+            .written
+            .extend(pictures.iter().map(|path| path.display().to_string()));
+    }
     output.time_s = begun.elapsed().as_secs_f64();
     if let Some(folder) = &arguments.repair {
         let path = folder.join(CHANGES);

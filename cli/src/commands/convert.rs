@@ -1,6 +1,6 @@
 //! `pliant convert`: conversion of a mesh to another format or unit.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use nalgebra::Point3;
@@ -10,8 +10,10 @@ use super::failure::Failure;
 use super::length_unit;
 use super::options::Printing;
 use crate::report::output::RunOutput;
-use pliant::io::{self, Encoding, MeshFile, WriteError};
+use pliant::io::{self, Encoding, MeshFile, ReadError, WriteError};
+use pliant::mesh::{Topology, TriangleMesh};
 use pliant::simulation::LoadError;
+use pliant::springs::format::{self, SpringFile};
 
 /// Write a mesh in another format or unit
 #[derive(Debug, clap::Args)]
@@ -20,9 +22,14 @@ Examples:
   pliant convert femur.vtk femur.obj
   pliant convert scan.stl scan.vtp --unit mm --to-unit m
   pliant convert femur.obj femur.ply --ascii
+  pliant convert muscle.vtk muscle.springs
 
 The format read is found in the content, the one written in the ending: .obj, .ply, .stl, .vtk or .vtp. Vertices, triangles
 and polylines are kept, other data are not. All formats but binary STL keep every bit of a coordinate.
+
+A file of springs (docs/springs.md) is one by its ending, .springs, on either side. Of a mesh all points are points of the surface,
+its edges are springs of the stiffness 1/L for the length L, and its polylines are pieces of fibres. From a file of springs come its
+triangles, and its fibres as polylines; from one to another, all is kept. Stiffnesses stay as they are in another unit.
 
 Exit codes: 0 done; 2 the file cannot be read as a mesh, or the result cannot be written.")]
 pub(super) struct Arguments {
@@ -46,28 +53,57 @@ pub(super) struct Arguments {
     printing: Printing,
 }
 
+/// What is converted: a mesh, or a file of springs.
+enum Content {
+    Mesh(MeshFile),
+    Springs(SpringFile),
+}
+
+/// The ending of files of springs.
+const SPRINGS: &str = "springs";
+
+fn is_of_springs(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case(SPRINGS))
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     if arguments.output.exists() && !arguments.force {
         let message = format!("{} is there already", arguments.output.display());
         return Err(Failure::usage(message, "name another file, or add --force"));
     }
-    let file = read(arguments)?;
-    let lines_lost = write(arguments, &file)?;
     let input = arguments.input.display().to_string();
     let output = arguments.output.display().to_string();
-    let format = file.format.map_or("none", io::Format::name);
-    let (vertices, triangles, lines) = (
-        file.mesh.vertices.len(),
-        file.mesh.triangles.len(),
-        file.lines.len(),
-    );
+    let content = read(arguments)?;
+    let (format, [vertices, triangles, lines], warnings) = match &content {
+        Content::Mesh(file) => {
+            let warnings = file.warnings.iter().map(|w| w.terse(&input));
+            let counts = [
+                file.mesh.vertices.len(),
+                file.mesh.triangles.len(),
+                file.lines.len(),
+            ];
+            (
+                file.format.map_or("none", io::Format::name),
+                counts,
+                warnings.collect(),
+            )
+        }
+        Content::Springs(file) => {
+            let counts = [file.position.len(), file.triangles.len(), file.fibres.len()];
+            (SPRINGS, counts, file.notes.clone())
+        }
+    };
+    let lost = write(arguments, content)?;
     let text = format!(
         "{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n"
     );
-    let lost = (lines_lost > 0)
-        .then(|| format!("{output}: {lines_lost} polylines are lost: this format has none"));
-    let warnings = file.warnings.iter().map(|w| w.terse(&input));
+    let notes = lost
+        .iter()
+        .filter(|(_, count)| *count > 0)
+        .map(|(what, count)| format!("{output}: {count} {what} are lost: this format has none"));
+    let lines_lost = lost.iter().find(|(what, _)| *what == LINES);
     Ok(arguments.printing.finish(RunOutput {
         kind: "convert",
         measures: json!({
@@ -77,9 +113,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             "vertices": vertices,
             "triangles": triangles,
             "lines": lines,
-            "lines_lost": lines_lost,
+            "lines_lost": lines_lost.map_or(0, |(_, count)| *count),
         }),
-        notes: lost.into_iter().chain(warnings).collect(),
+        notes: notes.chain(warnings).collect(),
         time_s: begun.elapsed().as_secs_f64(),
         name: input,
         text,
@@ -88,39 +124,133 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }))
 }
 
-/// Reads the mesh, in the unit of the output.
-fn read(arguments: &Arguments) -> Result<MeshFile, Failure> {
+/// Reads the file, in the unit of the output.
+fn read(arguments: &Arguments) -> Result<Content, Failure> {
     let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
     let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
-    let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;
-    for vertex in &mut file.mesh.vertices {
+    let refused = |error: ReadError| LoadError::from(Box::new(error));
+    let mut content = match is_of_springs(&arguments.input) {
+        true => Content::Springs(format::read(&arguments.input).map_err(refused)?),
+        false => Content::Mesh(io::read(&arguments.input).map_err(refused)?),
+    };
+    let vertices = match &mut content {
+        Content::Mesh(file) => &mut file.mesh.vertices,
+        Content::Springs(file) => &mut file.position,
+    };
+    for vertex in vertices.iter_mut() {
         vertex.coords.apply(|c| *c = rescaled(*c, from, to));
     }
     let is_finite = |v: &Point3<f64>| v.coords.iter().all(|c| c.is_finite());
-    if let Some(vertex) = file.mesh.vertices.iter().position(|v| !is_finite(v)) {
+    if let Some(vertex) = vertices.iter().position(|v| !is_finite(v)) {
         let input = arguments.input.display();
         let message = format!("{input}: vertex {vertex} is too large for a double in the new unit");
         return Err(Failure::usage(message, "choose a larger unit"));
     }
-    Ok(file)
+    Ok(content)
 }
 
-/// Writes the mesh. Returns the number of polylines that its format cannot store.
-fn write(arguments: &Arguments, file: &MeshFile) -> Result<usize, Failure> {
+/// What the format written can lack.
+const LINES: &str = "polylines";
+
+/// Writes the file. Returns what its format cannot hold, and how much of it.
+fn write(arguments: &Arguments, content: Content) -> Result<Vec<(&'static str, usize)>, Failure> {
     let encoding = if arguments.ascii {
         Encoding::Text
     } else {
         Encoding::Binary
     };
-    io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
+    let refused = |error: WriteError| {
         let hint = match error {
             WriteError::UnknownEnding { .. } => {
-                format!("end the name in one of {}", io::writable())
+                format!("end the name in one of {}, .{SPRINGS}", io::writable())
             }
             WriteError::Io { .. } => "check the folder and whether you may write there".to_owned(),
         };
         Failure::usage(error.to_string(), hint)
+    };
+    let path = &arguments.output;
+    if is_of_springs(path) {
+        let file = match content {
+            Content::Springs(file) => file,
+            Content::Mesh(file) => springs_of(file)?,
+        };
+        let source = |source| {
+            refused(WriteError::Io {
+                file: path.display().to_string(),
+                source,
+            })
+        };
+        format::write(path, &file).map_err(source)?;
+        return Ok(Vec::new());
+    }
+    let (file, lost) = match content {
+        Content::Mesh(file) => (file, Vec::new()),
+        Content::Springs(file) => mesh_of(file),
+    };
+    let lines = io::write(path, &file.mesh, &file.lines, encoding).map_err(refused)?;
+    Ok(std::iter::once((LINES, lines)).chain(lost).collect())
+}
+
+/// The file of springs of a mesh.
+fn springs_of(file: MeshFile) -> Result<SpringFile, Failure> {
+    let MeshFile { mesh, lines, .. } = file;
+    let topology = Topology::new(&mesh);
+    let lengths = topology.edge_lengths(&mesh);
+    let edges = topology.edges.iter().zip(lengths);
+    let springs: Vec<([u32; 2], f64)> = edges
+        .filter(|(_, length)| *length > 0.0)
+        .map(|(ends, length)| (*ends, 1.0 / length))
+        .collect();
+    if let Some((ends, _)) = springs.iter().find(|(_, stiffness)| !stiffness.is_finite()) {
+        let message = format!(
+            "the edge from {} to {} is too short for a stiffness of 1/L",
+            ends[0], ends[1]
+        );
+        return Err(Failure::usage(message, "give another --unit and --to-unit"));
+    }
+    let pieces = lines.iter().flat_map(|line| line.windows(2));
+    let pieces = pieces.filter(|piece| piece[0] != piece[1]);
+    Ok(SpringFile {
+        surface: vec![true; mesh.vertices.len()],
+        fibres: pieces.map(|piece| [piece[0], piece[1]]).collect(),
+        position: mesh.vertices,
+        triangles: mesh.triangles,
+        springs,
+        ..SpringFile::default()
     })
+}
+
+/// The mesh of a file of springs, and what of it no mesh has.
+fn mesh_of(file: SpringFile) -> (MeshFile, Vec<(&'static str, usize)>) {
+    let lost = vec![
+        ("springs", file.springs.len()),
+        ("points of areas", file.origin.len() + file.insertion.len()),
+    ];
+    let mesh = TriangleMesh {
+        vertices: file.position,
+        triangles: file.triangles,
+    };
+    let lines = chained(&file.fibres);
+    (
+        MeshFile {
+            mesh,
+            lines,
+            ..MeshFile::default()
+        },
+        lost,
+    )
+}
+
+/// Pieces of fibres as polylines: a piece that begins where the one before ends goes on with it.
+fn chained(pieces: &[[u32; 2]]) -> Vec<Vec<u32>> {
+    let mut lines: Vec<Vec<u32>> = Vec::new();
+    for [a, b] in pieces {
+        match lines.last_mut().filter(|line| line.last() == Some(a)) {
+            Some(line) => line.push(*b),
+            None => lines.push(vec![*a, *b]),
+        }
+    }
+    lines
 }
 
 /// A coordinate in another unit, rounded once: the factor is always at least 1.
@@ -153,6 +283,17 @@ impl Ratio for f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pieces_of_fibres_are_polylines_again() {
+        let lines = vec![vec![0, 1, 2], vec![5, 4]];
+        let pieces: Vec<[u32; 2]> = lines
+            .iter()
+            .flat_map(|line| line.windows(2))
+            .map(|piece| [piece[0], piece[1]])
+            .collect();
+        assert_eq!(chained(&pieces), lines);
+    }
 
     #[test]
     fn units_are_exact_both_ways() {

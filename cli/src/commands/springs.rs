@@ -4,6 +4,8 @@ mod file;
 mod memory;
 mod nearing;
 mod pictures;
+mod speed;
+mod sweep;
 mod text;
 mod written;
 
@@ -22,6 +24,7 @@ use crate::report::springs::Summary;
 use nearing::Nearing;
 use pliant::scene::{Content, PRECISIONS};
 use pliant::simulation::{self, Ended, Observer, Scenario, SpringsRun};
+use pliant::springs::format::SpringFile;
 use pliant::springs::integrators::INTEGRATORS;
 use pliant::springs::lattice::{DEVICES, GPU_METHODS};
 use pliant::springs::{Neighbours, RestEnd};
@@ -36,7 +39,7 @@ const NEVER: &str =
     "without damping it never comes to rest: give --damping, or leave it out for the estimate";
 
 /// Run a mass-spring system to rest: one from a file, or a lattice
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   pliant springs examples/lattice-5x5x5.springs
@@ -44,6 +47,8 @@ Examples:
   pliant springs --lattice 10x10x10 --neighbours 26
   pliant springs --lattice 5x5x5 --integrator implicit --dt 0.5 --json > rest.json
   pliant springs --lattice 100x100x100 --device gpu --method single
+  pliant springs --sweep damping=1..15 --sweep mass=8,4,2,1,0.5,0.25,0.125
+  pliant springs --speed 10,20,50,100
   pliant springs --lattice 5x5x5 --print-scene > rest.toml
 
 A file holds points, surface triangles, springs with stiffness, fibres and attachment areas as text; docs/springs.md has the
@@ -56,7 +61,7 @@ The options of --lattice make a scene, which the command runs. --print-scene pri
 take it as a file.
 
 Results in pliant-out/NAME-springs: start.vtp, end.vtp and pictures of them (with --every frames/*.vtp and NAME.pvd),
-measures.csv, summary.json, report.html. Exit codes: 0 at rest; 1 not at rest within the steps, or a step failed; 2 bad usage or input;
+measures.csv, summary.json, report.html; of a file also end.springs, the end state with its fibres and areas. Exit codes: 0 at rest; 1 not at rest within the steps, or a step failed; 2 bad usage or input;
 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// A file of a spring system
@@ -66,10 +71,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NxNxN", value_parser = text::sides)]
     lattice: Option<[usize; 3]>,
     /// Number of neighbours of each point of a lattice: 6, 18 or 26 [default: 6]
-    #[arg(long, value_name = "N", requires = "lattice", conflicts_with = "file", value_parser = neighbours)]
+    #[arg(long, value_name = "N", conflicts_with = "file", value_parser = neighbours)]
     neighbours: Option<Neighbours>,
     /// Longest side of a lattice [m] [default: 1]
-    #[arg(long, value_name = "LENGTH", requires = "lattice", conflicts_with = "file", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "LENGTH", conflicts_with = "file", allow_negative_numbers = true, value_parser = positive)]
     side: Option<f64>,
     /// Mass of each point [kg]
     #[arg(long, value_name = "M", default_value = "1", allow_negative_numbers = true, value_parser = positive)]
@@ -114,6 +119,13 @@ pub(super) struct Arguments {
     /// Also write a frame every N steps
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     every: Option<u32>,
+    /// Run lattices with all of these values to rest, and find the best damping of each mass and size: damping=1..15,
+    /// mass=8,4,2 or points=5,10; may be given several times. Steps are 0.01 s long if --dt is not given
+    #[arg(long, value_name = "KEY=LIST", value_parser = sweep::varied, conflicts_with_all = ["file", "print_scene", "every", "damping"])]
+    sweep: Vec<sweep::Varied>,
+    /// Measure the time of a step of cubes with these numbers of points along a side, by each device and method
+    #[arg(long, value_name = "SIZES", value_parser = speed::sizes, conflicts_with_all = ["file", "lattice", "print_scene", "every", "sweep", "steps"])]
+    speed: Option<speed::Sizes>,
     #[command(flatten)]
     print: PrintScene,
     #[command(flatten)]
@@ -159,6 +171,8 @@ fn tolerance(text: &str) -> Result<f64, String> {
 /// The command with its system, ready to run.
 struct Prepared {
     run: SpringsRun,
+    /// The file of the system, which its end state is written into.
+    file: Option<SpringFile>,
     notes: Vec<String>,
     /// True for a system without damping, which does not come to rest.
     undamped: bool,
@@ -176,12 +190,16 @@ fn steps(arguments: &Arguments) -> (usize, bool) {
 /// The system of the options, or `None` after its scene is printed.
 fn prepared(arguments: &Arguments) -> Result<Option<Prepared>, Failure> {
     let (frames, undamped) = steps(arguments);
-    let (run, notes) = match (&arguments.file, arguments.lattice) {
+    let (run, notes, file) = match (&arguments.file, arguments.lattice) {
         (Some(file), _) => {
-            let (model, notes) = file::read(file, arguments.mass)?;
+            let (model, notes, content) = file::read(file, arguments.mass)?;
             let (damping, course) = text::course(arguments)?;
             let run = SpringsRun::new(model, damping, &course, frames, 1.0);
-            (run.map_err(|error| text::refused(&error))?, notes)
+            (
+                run.map_err(|error| text::refused(&error))?,
+                notes,
+                Some(content),
+            )
         }
         (None, Some(points)) => {
             let made = text::scene(arguments, points, frames);
@@ -193,7 +211,7 @@ fn prepared(arguments: &Arguments) -> Result<Option<Prepared>, Failure> {
             }
             memory::check(&scene)?;
             let run = SpringsRun::of_lattice(&scene);
-            (run.map_err(|error| made.of_load(error))?, Vec::new())
+            (run.map_err(|error| made.of_load(error))?, Vec::new(), None)
         }
         (None, None) => {
             let hint = "name a file, as examples/lattice-5x5x5.springs, or give --lattice 10x10x10";
@@ -202,6 +220,7 @@ fn prepared(arguments: &Arguments) -> Result<Option<Prepared>, Failure> {
     };
     Ok(Some(Prepared {
         run,
+        file,
         notes,
         undamped,
     }))
@@ -209,6 +228,12 @@ fn prepared(arguments: &Arguments) -> Result<Option<Prepared>, Failure> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arguments.output.threads.start();
+    if !arguments.sweep.is_empty() {
+        return sweep::run(arguments);
+    }
+    if let Some(sizes) = &arguments.speed {
+        return speed::run(arguments, sizes);
+    }
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping after this step");
     let Some(prepared) = prepared(arguments)? else {
@@ -216,12 +241,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let Prepared {
         mut run,
+        file,
         mut notes,
         undamped,
     } = prepared;
     run.skip_to(arguments.every.map(|every| every as usize));
     let path = arguments.output.folder(&run.name, "springs");
-    let mut record = Record::begin(Folder::open(&path)?, &run, arguments.every)?;
+    let mut record = Record::begin(Folder::open(&path)?, &run, arguments.every, file)?;
     if undamped {
         note(
             "note: without damping nothing comes to rest, it swings for ever; give --damping, or leave it out for the estimate",

@@ -3,6 +3,7 @@
 use super::*;
 use pliant::io::{self, Encoding};
 use pliant::mesh::TriangleMesh;
+use pliant::springs::format;
 
 /// A sphere of 50 mm in metres with a missing triangle, a reversed triangle and an extra
 /// vertex.
@@ -270,6 +271,87 @@ fn convert_changes_format_and_unit_and_nothing_else() {
     ]);
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(measures(&found)["lines_lost"], 1);
+}
+
+#[test]
+fn files_of_springs_are_converted_both_ways() {
+    let scratch = Scratch::folder();
+    let sphere = shapes::icosphere(0.5, 1);
+    let mesh = scratch.join("a.obj");
+    io::write(&mesh, &sphere, &[vec![0, 1, 2]], Encoding::Text).unwrap();
+    let at = |name: &str| scratch.join(name);
+    let convert = |from: &str, to: &str, more: &[&str]| {
+        let (from, to) = (at(from), at(to));
+        let mut arguments = vec!["convert", shown(&from), shown(&to), "--json"];
+        arguments.extend(more);
+        let done = run(&arguments);
+        assert_eq!(code(&done), Some(0), "{}", text(&done.stderr));
+        serde_json::from_slice::<Value>(&done.stdout).unwrap()
+    };
+    convert("a.obj", "a.springs", &[]);
+    let file = format::read(&at("a.springs")).unwrap();
+    assert_eq!(
+        (&file.position, &file.triangles),
+        (&sphere.vertices, &sphere.triangles)
+    );
+    assert_eq!(file.springs.len(), 120, "edges of 80 triangles");
+    for ([a, b], stiffness) in &file.springs {
+        let length = (file.position[*a as usize] - file.position[*b as usize]).norm();
+        assert!((stiffness * length - 1.0).abs() <= 1e-15);
+    }
+    assert_eq!(file.fibres, [[0, 1], [1, 2]]);
+    // All of a file of springs comes back; of a mesh its springs are lost, and that is told.
+    let full = format::SpringFile {
+        origin: vec![3, 5],
+        insertion: vec![7],
+        ..file
+    };
+    format::write(&at("b.springs"), &full).unwrap();
+    convert(
+        "b.springs",
+        "c.springs",
+        &["--unit", "mm", "--to-unit", "m"],
+    );
+    let small = format::read(&at("c.springs")).unwrap();
+    assert_eq!(small.position[4], full.position[4] / 1000.0);
+    let back = format::SpringFile {
+        position: full.position.clone(),
+        ..small
+    };
+    assert_eq!(back, full);
+    let told = convert("b.springs", "d.obj", &[]);
+    let notes = told["notes"].to_string();
+    assert!(
+        notes.contains("120 springs") && notes.contains("3 points of areas"),
+        "{notes}"
+    );
+    let read = io::read(&at("d.obj")).unwrap();
+    assert_eq!((read.mesh, read.lines), (sphere, vec![vec![0, 1, 2]]));
+    // Control: what is no file of springs is refused with its place.
+    let done = run(&["convert", shown(&mesh), shown(&at("e.springs")), "--force"]);
+    assert_eq!(code(&done), Some(0));
+    fs::write(at("f.springs"), "2 2\n0 0 0 m\n1 0 0 m\n0\n1\n0 2 1\n").unwrap();
+    let done = run(&["convert", shown(&at("f.springs")), shown(&at("g.obj"))]);
+    assert!(
+        code(&done) == Some(2) && text(&done.stderr).contains("f.springs:6:3"),
+        "{}",
+        text(&done.stderr)
+    );
+}
+
+#[test]
+fn the_hierarchy_of_a_mesh_is_drawn() {
+    let scratch = Scratch::folder();
+    let mesh = scratch.join("ball.obj");
+    write(&mesh, &shapes::icosphere(0.1, 2));
+    let out = scratch.join("pictures");
+    let done = run(&["check", shown(&mesh), "--hierarchy", shown(&out)]);
+    assert_eq!(code(&done), Some(0), "{}", text(&done.stderr));
+    let png = fs::read(out.join("ball-hierarchy.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG"));
+    // Control: a file in the place of the folder is told.
+    let done = run(&["check", shown(&mesh), "--hierarchy", shown(&mesh)]);
+    assert!(code(&done) == Some(2) && text(&done.stderr).contains("cannot be written"));
 }
 
 #[test]

@@ -3,8 +3,10 @@
 use std::fs;
 use std::process::{Command, Stdio};
 
+use pliant::springs::format;
 use serde_json::Value;
 
+use super::schema::assert_valid;
 use super::{Scratch, json, measures, names_in, pliant, referenced, run, shown, text};
 
 const FILE: &str = concat!(
@@ -85,6 +87,22 @@ fn the_shipped_file_comes_to_rest_and_leaves_its_results() {
             && page.contains("<svg")
             && page.matches("data:image/png").count() == 2
     );
+    // The end state in the format of the file, with the springs as they were.
+    let (before, after) = (
+        format::read(FILE.as_ref()).unwrap(),
+        format::read(&out.join("end.springs")).unwrap(),
+    );
+    assert_eq!(
+        (&before.springs, &before.triangles, &before.surface),
+        (&after.springs, &after.triangles, &after.surface)
+    );
+    assert_eq!(
+        (&before.fibres, &before.origin, &before.insertion),
+        (&after.fibres, &after.origin, &after.insertion)
+    );
+    let end = pliant::io::read(&out.join("end.vtp")).unwrap();
+    assert_eq!(after.position, end.mesh.vertices);
+    assert_ne!(before.position, after.position);
     let pictures = ["start.png", "end.png"].map(|name| fs::read(out.join(name)).unwrap());
     assert!(pictures.iter().all(|png| png.starts_with(b"\x89PNG")) && pictures[0] != pictures[1]);
 }
@@ -216,7 +234,7 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
     let out = scratch.join("out");
     let file = scratch.join("bad.springs");
     fs::write(&file, "2 1\n0 0 0 m\n1 0 0 x\n").unwrap();
-    let cases: [(&[&str], &str); 18] = [
+    let cases: [(&[&str], &str); 25] = [
         (
             &[shown(&file)],
             "bad.springs:3:7: error[E042]: expected m (surface point) or i",
@@ -271,6 +289,45 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
             &[FILE, "--precision", "f32"],
             "single precision is for lattices",
         ),
+        (
+            &[FILE, "--device", "gpu"],
+            "a graphics card is for lattices",
+        ),
+        (
+            &[
+                "--lattice",
+                "5x5x5",
+                "--device",
+                "gpu",
+                "--integrator",
+                "rk4",
+            ],
+            "take --device cpu, or --integrator verlet",
+        ),
+        (
+            &[
+                "--lattice",
+                "5x5x5",
+                "--device",
+                "gpu",
+                "--precision",
+                "f64",
+            ],
+            "a graphics card computes in single precision",
+        ),
+        (
+            &["--lattice", "5x5x5", "--method", "edge"],
+            "leave --method out, or take --device gpu",
+        ),
+        (
+            &["--sweep", "speed=1,2"],
+            "none of damping, mass and points",
+        ),
+        (
+            &["--sweep", "damping=1..200", "--sweep", "points=30"],
+            "points in all lattices",
+        ),
+        (&["--speed", "10,x"], "expected points along a side"),
         (
             &["--lattice", "5x5x5", "--side", "1e200"],
             "the square of a length is no number in double precision; give another --side",
@@ -410,4 +467,145 @@ fn a_lattice_is_a_scene_that_comes_to_rest_after_the_same_steps() {
     // The system of a file is no scene.
     let done = run(&["springs", FILE, "--print-scene"]);
     assert_eq!(done.status.code(), Some(2), "{}", text(&done.stderr));
+}
+
+/// The summary of `pliant springs` with these arguments.
+fn springs(arguments: &[&str]) -> Value {
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
+    let done = pliant()
+        .arg("springs")
+        .args(arguments)
+        .args(["--json", "--out", shown(&out)])
+        .output()
+        .unwrap();
+    let said = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(0), "{arguments:?}: {said}");
+    assert!(out.join("report.html").is_file());
+    let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_valid(&summary);
+    summary
+}
+
+#[test]
+fn a_sweep_has_the_steps_of_the_thesis_and_its_best_dampings() {
+    // Table 7.4 of the VPHOP thesis, damping 5 and 6, masses 1 and 0.5.
+    let summary = springs(&["--sweep", "damping=5..6", "--sweep", "mass=1,0.5"]);
+    let of = &summary["springs_sweep"];
+    let steps: Vec<f64> = of["lattices"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|cell| cell["steps"].as_f64().unwrap())
+        .collect();
+    let printed = [243.0, 298.0, 324.0, 361.0];
+    assert_eq!(steps.len(), 4);
+    for (ours, printed) in steps.iter().zip(printed) {
+        assert!((ours / printed - 1.0).abs() <= 0.05, "{steps:?}");
+    }
+    for best in of["best"].as_array().unwrap() {
+        let number = |key: &str| best[key].as_f64().unwrap();
+        // Table 7.5 has 4.85 and 3.45.
+        let printed = if number("mass_kg") == 1.0 { 4.85 } else { 3.45 };
+        assert!(
+            (number("best_ns_m") / printed - 1.0).abs() <= 0.05,
+            "{best}"
+        );
+        assert!(number("best_steps") <= number("estimate_steps"));
+    }
+    // Control: a step that is too long for the smaller mass is told, and is no number of steps.
+    let unstable = springs(&[
+        "--sweep",
+        "damping=5",
+        "--sweep",
+        "mass=1,0.001",
+        "--lenient",
+    ]);
+    let cell = &unstable["springs_sweep"]["lattices"][1];
+    assert_eq!(
+        (&cell["steps"], &cell["stable"]),
+        (&Value::Null, &Value::Bool(false))
+    );
+    assert_eq!(unstable["passed"], Value::Bool(false));
+}
+
+#[test]
+fn the_times_of_devices_are_measured() {
+    let summary = springs(&["--speed", "4,6", "--neighbours", "18"]);
+    let of = &summary["springs_speed"];
+    let rows = of["lattices"].as_array().unwrap();
+    let on = |device: &'static str| rows.iter().filter(move |row| row["device"] == device);
+    assert_eq!(on("cpu").count(), 4);
+    // Where there is no card the rest is told, and nothing is made up.
+    match of["card"].is_null() {
+        true => {
+            assert_eq!(on("gpu").count(), 0);
+            assert!(
+                summary["notes"].to_string().contains("graphics"),
+                "{summary}"
+            );
+        }
+        false => assert_eq!(on("gpu").count(), 6),
+    }
+    for row in rows {
+        assert!(row["ms_per_step"].as_f64().unwrap() > 0.0, "{row}");
+        assert_eq!(row["neighbours"], 18);
+        assert_eq!(row["ms_per_step_read"].is_number(), row["device"] == "gpu");
+    }
+}
+
+#[test]
+fn a_graphics_card_comes_to_the_rest_of_the_processor_or_is_told_to_be_absent() {
+    let lattice = [
+        "--lattice",
+        "6x5x7",
+        "--neighbours",
+        "26",
+        "--tolerance",
+        "1e-5",
+    ];
+    let of_processor = springs(&lattice);
+    for method in ["single", "point", "edge"] {
+        let scratch = Scratch::folder();
+        let out = scratch.join("out");
+        let done = pliant()
+            .arg("springs")
+            .args(lattice)
+            .args([
+                "--device",
+                "gpu",
+                "--method",
+                method,
+                "--json",
+                "--out",
+                shown(&out),
+            ])
+            .output()
+            .unwrap();
+        let said = text(&done.stderr);
+        if done.status.code() == Some(2) {
+            let expected = match cfg!(feature = "gpu") {
+                true => "there is no graphics device",
+                false => "built without the feature `gpu`",
+            };
+            assert!(
+                said.contains(expected) && said.contains("--device cpu"),
+                "{said}"
+            );
+            assert!(!out.exists());
+            eprintln!("skipped: {said}");
+            return;
+        }
+        assert_eq!(done.status.code(), Some(0), "{said}");
+        let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
+        assert_valid(&summary);
+        let (here, there) = (&of_processor["springs"], &summary["springs"]);
+        assert_eq!(
+            (&there["device"], &there["method"]),
+            (&"gpu".into(), &method.into())
+        );
+        assert!(there["card"].is_string() && there["card_bytes"].as_u64().unwrap() > 0);
+        let steps = [here, there].map(|of| of["steps"].as_f64().unwrap());
+        assert!((steps[0] - steps[1]).abs() <= 2.0, "{steps:?}");
+    }
 }

@@ -58,6 +58,12 @@ pub(super) trait Rows: Send {
     fn positions(&self) -> Vec<Point3<f64>>;
     fn velocities(&self) -> Vec<Vector3<f64>>;
     fn speeds(&self) -> Vec<f64>;
+    /// Makes some steps, and reads all positions after each if `reads` is given: beside the next step if it is
+    /// true.
+    fn pace(&mut self, steps: u64, reads: Option<bool>) -> Result<(), (StepError, u64)> {
+        let _ = reads;
+        self.advance(steps).map(|_| ())
+    }
     /// Name of the graphics card that computes, and bytes on it.
     fn card(&self) -> Option<(&str, u64)> {
         None

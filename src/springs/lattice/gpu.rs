@@ -72,6 +72,11 @@ impl Card {
         let adapter = pollster::block_on(instance.request_adapter(&options))
             .map_err(|error| no_device(&error))?;
         let (info, limits) = (adapter.get_info(), adapter.limits());
+        // Its times say nothing about cards.
+        let by = match info.device_type {
+            wgpu::DeviceType::Cpu => ", a driver that computes on the processor",
+            _ => "",
+        };
         let most = limits
             .max_buffer_size
             .min(limits.max_storage_buffer_binding_size);
@@ -84,7 +89,7 @@ impl Card {
         Ok(Self {
             device,
             queue,
-            name: format!("{}, {}", info.name, info.backend),
+            name: format!("{}, {}{by}", info.name, info.backend),
             most,
         })
     }
@@ -130,15 +135,23 @@ impl Card {
         })
     }
 
-    /// Waits for a copy into a buffer, and calls `deed` with its numbers.
-    fn read<T>(&self, from: &wgpu::Buffer, deed: impl FnOnce(&[f32]) -> T) -> Result<T, GpuError> {
+    /// Waits for a copy into a buffer, which was submitted as `copy`, and calls `deed` with its numbers.
+    fn read<T>(
+        &self,
+        from: &wgpu::Buffer,
+        copy: &wgpu::SubmissionIndex,
+        deed: impl FnOnce(&[f32]) -> T,
+    ) -> Result<T, GpuError> {
         let (done, ready) = mpsc::channel();
         from.map_async(wgpu::MapMode::Read, .., move |mapped| {
             // The other end is waiting below.
             let _ = done.send(mapped);
         });
         self.device
-            .poll(wgpu::PollType::wait_indefinitely())
+            .poll(wgpu::PollType::Wait {
+                submission_index: Some(copy.clone()),
+                timeout: None,
+            })
             .map_err(|error| self.failed(error))?;
         ready
             .recv()
@@ -351,6 +364,37 @@ impl GpuLattice {
     /// # Errors
     /// The card failed.
     pub fn advance(&mut self, steps: u64) -> Result<f64, GpuError> {
+        self.submit(steps);
+        let [across, down] = shader::groups(self.shape.count() as u32);
+        let mut commands = self.card.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = commands.begin_compute_pass(&Default::default());
+            pass.set_bind_group(0, &self.bindings[self.now], &[]);
+            pass.set_pipeline(&self.measure);
+            pass.dispatch_workgroups(across, down, 1);
+        }
+        commands.copy_buffer_to_buffer(&self.parts, 0, &self.parts_here, 0, None);
+        let copy = self.card.queue.submit([commands.finish()]);
+        let [force, moved, speeds, stored] = self.card.read(&self.parts_here, &copy, |parts| {
+            let of = |k: usize| parts.iter().skip(k).step_by(4).map(|n| f64::from(*n));
+            let sum = |k: usize| tree_sum(&of(k).collect::<Vec<_>>());
+            [max_or_nan(of(0)), max_or_nan(of(1)), sum(2), sum(3)]
+        })?;
+        // The greatest of numbers is not theirs where one is none; a sum is none then.
+        let or_nan = |number: f64| match (speeds + stored).is_finite() {
+            true => number,
+            false => f64::NAN,
+        };
+        self.motion = LatticeMotion {
+            residual: or_nan(force.sqrt()),
+            kinetic: 0.5 * self.settings.mass * speeds,
+            stored,
+        };
+        Ok(or_nan(moved.sqrt()))
+    }
+
+    /// Gives some steps to the card, without waiting for them.
+    pub fn submit(&mut self, steps: u64) {
         let [across, down] = shader::groups(self.shape.count() as u32);
         let mut left = steps;
         while left > 0 {
@@ -371,63 +415,48 @@ impl GpuLattice {
             left -= several;
         }
         self.steps += steps;
-        let mut commands = self.card.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = commands.begin_compute_pass(&Default::default());
-            pass.set_bind_group(0, &self.bindings[self.now], &[]);
-            pass.set_pipeline(&self.measure);
-            pass.dispatch_workgroups(across, down, 1);
-        }
-        commands.copy_buffer_to_buffer(&self.parts, 0, &self.parts_here, 0, None);
-        self.card.queue.submit([commands.finish()]);
-        let [force, moved, speeds, stored] = self.card.read(&self.parts_here, |parts| {
-            let of = |k: usize| parts.iter().skip(k).step_by(4).map(|n| f64::from(*n));
-            let sum = |k: usize| tree_sum(&of(k).collect::<Vec<_>>());
-            [max_or_nan(of(0)), max_or_nan(of(1)), sum(2), sum(3)]
-        })?;
-        // The greatest of numbers is not theirs where one is none; a sum is none then.
-        let or_nan = |number: f64| match (speeds + stored).is_finite() {
-            true => number,
-            false => f64::NAN,
-        };
-        self.motion = LatticeMotion {
-            residual: or_nan(force.sqrt()),
-            kinetic: 0.5 * self.settings.mass * speeds,
-            stored,
-        };
-        Ok(or_nan(moved.sqrt()))
     }
 
-    /// Begins to copy the positions of now; steps that follow do not wait for it.
-    pub fn begin_to_read(&self) {
-        self.copy(&self.places[self.now]);
-    }
-
-    /// Begins to copy numbers to where they can be read.
-    fn copy(&self, from: &wgpu::Buffer) {
-        let mut commands = self.card.device.create_command_encoder(&Default::default());
-        commands.copy_buffer_to_buffer(from, 0, &self.places_here, 0, None);
-        self.card.queue.submit([commands.finish()]);
-    }
-
-    /// What `deed` makes of the copied vector of each point.
-    fn copied<T>(&self, deed: impl Fn([usize; 3], [f64; 3]) -> T) -> Result<Vec<T>, GpuError> {
-        let (shape, count) = (self.shape, self.shape.count());
-        self.card.read(&self.places_here, |all| {
-            let each = shape.each().enumerate();
-            let vector = |p: usize| [0, 1, 2].map(|c| f64::from(all[c * count + p]));
-            each.map(|(p, point)| deed(point, vector(p))).collect()
-        })
-    }
-
-    /// The positions of [`Self::begin_to_read`] \[m\], x first.
+    /// Waits for all that was given to the card.
     ///
     /// # Errors
     /// The card failed.
-    pub fn read(&self) -> Result<Vec<[f64; 3]>, GpuError> {
-        self.copied(|point, by| {
-            let rest = self.shape.at(point);
-            [0, 1, 2].map(|c| rest[c] + by[c])
+    pub fn wait(&self) -> Result<(), GpuError> {
+        let done = self.card.device.poll(wgpu::PollType::wait_indefinitely());
+        done.map(|_| ()).map_err(|error| self.card.failed(error))
+    }
+
+    /// Begins to copy the displacements of now; steps that follow do not wait for it.
+    pub fn begin_to_read(&self) -> wgpu::SubmissionIndex {
+        self.copy(&self.places[self.now])
+    }
+
+    /// Begins to copy numbers to where they can be read.
+    fn copy(&self, from: &wgpu::Buffer) -> wgpu::SubmissionIndex {
+        let mut commands = self.card.device.create_command_encoder(&Default::default());
+        commands.copy_buffer_to_buffer(from, 0, &self.places_here, 0, None);
+        self.card.queue.submit([commands.finish()])
+    }
+
+    /// The numbers of a copy \[m\]: all of x, all of y, all of z.
+    ///
+    /// # Errors
+    /// The card failed.
+    pub fn read(&self, copy: &wgpu::SubmissionIndex) -> Result<Vec<f32>, GpuError> {
+        self.card.read(&self.places_here, copy, <[f32]>::to_vec)
+    }
+
+    /// What `deed` makes of the vector of each point of a copy.
+    fn each<T>(
+        &self,
+        copy: &wgpu::SubmissionIndex,
+        deed: impl Fn([usize; 3], [f64; 3]) -> T,
+    ) -> Result<Vec<T>, GpuError> {
+        let count = self.shape.count();
+        self.card.read(&self.places_here, copy, |all| {
+            let vector = |p: usize| [0, 1, 2].map(|c| f64::from(all[c * count + p]));
+            let each = self.shape.each().enumerate();
+            each.map(|(p, point)| deed(point, vector(p))).collect()
         })
     }
 
@@ -436,8 +465,10 @@ impl GpuLattice {
     /// # Errors
     /// The card failed.
     pub fn positions(&self) -> Result<Vec<[f64; 3]>, GpuError> {
-        self.begin_to_read();
-        self.read()
+        self.each(&self.begin_to_read(), |point, by| {
+            let rest = self.shape.at(point);
+            [0, 1, 2].map(|c| rest[c] + by[c])
+        })
     }
 
     /// The same lattice on the processor, in double precision.
@@ -451,8 +482,9 @@ impl GpuLattice {
             ..self.settings
         };
         let now = self.positions()?;
-        self.copy(&self.last);
-        let velocities = self.copied(|_, step| step.map(|by| by / self.time_step))?;
+        let velocities = self.each(&self.copy(&self.last), |_, step| {
+            step.map(|by| by / self.time_step)
+        })?;
         // The shape and the settings are those of a lattice.
         let mut lattice =
             Lattice::unchecked(self.shape, settings).map_err(|error| self.card.failed(error))?;
@@ -675,9 +707,12 @@ mod tests {
             return;
         };
         let before = card.positions().expect("an answer");
-        card.begin_to_read();
-        card.advance(30).expect("an answer");
-        assert_eq!(card.read().expect("an answer"), before);
+        let copy = card.begin_to_read();
+        card.submit(30);
+        let read = card.read(&copy).expect("an answer");
+        let rest = moving.shape().positions();
+        let back = |p: usize| [0, 1, 2].map(|c| rest[p][c] + f64::from(read[c * rest.len() + p]));
+        assert_eq!((0..rest.len()).map(back).collect::<Vec<_>>(), before);
         assert_ne!(card.positions().expect("an answer"), before);
         // A lattice that comes back from the card goes on as the one there.
         let mut back = card.to_cpu().expect("an answer");

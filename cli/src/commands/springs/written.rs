@@ -14,6 +14,7 @@ use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::simulation::SpringsRun;
 use pliant::springs::StepRecord;
+use pliant::springs::format::{self, SpringFile};
 
 /// Greatest number of rows in the table of steps; a longer run keeps every second step, and so on.
 const MOST_ROWS: usize = 20_000;
@@ -32,6 +33,8 @@ pub(super) struct Record {
     stride: usize,
     every: Option<u32>,
     series: Collection,
+    /// The file of the system, with its fibres and areas.
+    file: Option<SpringFile>,
     failed: Option<FolderError>,
 }
 
@@ -41,6 +44,7 @@ impl Record {
         folder: Folder,
         run: &SpringsRun,
         every: Option<u32>,
+        file: Option<SpringFile>,
     ) -> Result<Self, Failure> {
         let start = run.start_positions();
         let mut record = Self {
@@ -53,6 +57,7 @@ impl Record {
             stride: 1,
             every,
             series: Collection::new(),
+            file,
             failed: None,
         };
         record.put("start.vtp", run)?;
@@ -103,15 +108,27 @@ impl Record {
         }
         drop(start);
         let held = run.held().into_iter();
+        let mut point_data = vec![
+            ("displacement_m", moved),
+            ("speed_m_s", run.speeds()),
+            ("held", held.map(|held| f64::from(u8::from(held))).collect()),
+        ];
+        let areas = self.file.iter().flat_map(|file| {
+            let SpringFile {
+                origin, insertion, ..
+            } = file;
+            [("origin", origin), ("insertion", insertion)]
+        });
+        for (name, area) in areas.filter(|(_, area)| !area.is_empty()) {
+            let mut is_in = vec![0.0; position.len()];
+            area.iter().for_each(|&p| is_in[p as usize] = 1.0);
+            point_data.push((name, is_in));
+        }
         let data = PolyData {
             points: &position,
             triangles: &self.triangles,
             lines: &self.lines,
-            point_data: vec![
-                ("displacement_m", moved),
-                ("speed_m_s", run.speeds()),
-                ("held", held.map(|held| f64::from(u8::from(held))).collect()),
-            ],
+            point_data,
         };
         let path = self.folder.claim(file)?;
         vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
@@ -138,6 +155,27 @@ impl Record {
         if run.is_finite() {
             self.put("end.vtp", run)?;
             written.push("end.vtp".to_owned());
+            if let Some(file) = &self.file {
+                let end = SpringFile {
+                    position: run.positions().into_owned(),
+                    ..file.clone()
+                };
+                let path = self.folder.claim("end.springs")?;
+                format::write(&path, &end).map_err(|source| FolderError::Io { path, source })?;
+                written.push("end.springs".to_owned());
+                if !end.fibres.is_empty() {
+                    let lines: Vec<_> = end.fibres.iter().map(|ends| ends.to_vec()).collect();
+                    let data = PolyData {
+                        points: &end.position,
+                        triangles: &[],
+                        lines: &lines,
+                        point_data: Vec::new(),
+                    };
+                    let path = self.folder.claim("fibres.vtp")?;
+                    vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })?;
+                    written.push("fibres.vtp".to_owned());
+                }
+            }
         }
         let (start, end) = (run.start_positions(), run.positions());
         let mut states = vec![("start", &start[..])];

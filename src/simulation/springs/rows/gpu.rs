@@ -99,6 +99,36 @@ mod on_card {
             Rows::velocities(self).iter().map(Vector3::norm).collect()
         }
 
+        fn pace(&mut self, steps: u64, reads: Option<bool>) -> Result<(), (StepError, u64)> {
+            let lost = |steps| (StepError::DeviceLost, steps);
+            let Some(beside) = reads else {
+                self.submit(steps);
+                return self.wait().map_err(|_| lost(self.steps()));
+            };
+            let mut waiting = None;
+            for _ in 0..steps {
+                self.submit(1);
+                let copy = match (&waiting, beside) {
+                    // The copy of the step before, while this one goes on.
+                    (Some(before), true) => {
+                        self.read(before).map_err(|_| lost(self.steps()))?;
+                        self.begin_to_read()
+                    }
+                    (None, true) => self.begin_to_read(),
+                    (_, false) => {
+                        let copy = self.begin_to_read();
+                        self.read(&copy).map_err(|_| lost(self.steps()))?;
+                        copy
+                    }
+                };
+                waiting = Some(copy);
+            }
+            if let (Some(last), true) = (waiting, beside) {
+                self.read(&last).map_err(|_| lost(self.steps()))?;
+            }
+            Ok(())
+        }
+
         fn card(&self) -> Option<(&str, u64)> {
             Some((self.name(), self.bytes()))
         }
