@@ -127,10 +127,13 @@ fn damping(section: &Section<'_>) -> Read<SpringsDamping> {
     }
 }
 
+fn flag(section: &Section<'_>, key: &str, default: bool) -> Read<bool> {
+    section.get(key).map_or(Ok(default), |item| item.flag())
+}
+
 /// The course of a run to rest.
 fn course(section: &Section<'_>) -> Read<RestCourse> {
     let default = RestCourse::default();
-    let flag = |key: &str, default| section.get(key).map_or(Ok(default), |item| item.flag());
     let below_one = |key: &str, limit, default| -> Read<f64> {
         let number = section.number_or(key, limit, default)?;
         if number < 1.0 {
@@ -171,13 +174,13 @@ fn course(section: &Section<'_>) -> Read<RestCourse> {
     }
     Ok(RestCourse {
         shrink: below_one("shrink", Limit::Within(-1.0, 1.0), default.shrink)?,
-        held: flag("held", default.held)?,
+        held: flag(section, "held", default.held)?,
         integrator: name_of("integrator", &INTEGRATORS, default.integrator)?,
         time_step: section
             .get("time_step")
             .map(|item| item.quantity(Dimension::Time, Limit::Positive))
             .transpose()?,
-        adaptive: flag("adaptive", default.adaptive)?,
+        adaptive: flag(section, "adaptive", default.adaptive)?,
         tolerance: below_one("tolerance", Limit::Positive, default.tolerance)?,
         is_single: precision == PRECISIONS[0],
         device,

@@ -48,6 +48,7 @@ pub use plan::{LeftOut, Planned};
 pub use refinement::Attained;
 pub use sensitivity::{ByRuns, Sensitivities, SensitivityError, UncertainMeasure, sensitivities};
 pub use sensitivity::{Combination, FitTarget, Fitted, FittedValue, fit};
+pub use sensitivity::{Unloaded, unload};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
 pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 

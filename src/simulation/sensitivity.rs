@@ -18,8 +18,10 @@
 mod fit;
 mod muscles;
 mod skin;
+mod unload;
 
 pub use fit::{Combination, FitTarget, Fitted, FittedValue, fit};
+pub use unload::{Unloaded, unload};
 
 use std::ops::Range;
 

@@ -63,6 +63,8 @@ pub enum SpringsModelError {
         rounds: f64,
         /// The tolerance that is asked for.
         tolerance: f64,
+        /// Whether a graphics card computes.
+        on_card: bool,
     },
     /// Only steps without a list of springs run on a graphics card.
     #[error("{0}: only the integrator verlet with equal steps runs on a graphics card")]
@@ -108,6 +110,9 @@ impl SpringsModelError {
             Self::OnlyCpu(_) => "take `device = \"cpu\"`, or `integrator = \"verlet\"`",
             Self::NoGpu(_) => "take `device = \"cpu\"`",
             Self::NoSquares(_) => "give another `side`",
+            Self::TooCoarse { on_card: true, .. } => {
+                "give a greater `tolerance`, or `device = \"cpu\"`"
+            }
             Self::TooCoarse { .. } => "give a greater `tolerance`, or `precision = \"f64\"`",
             Self::NeverStable(_) => "give `damping`, or take another `integrator`",
             Self::TooLong { .. } => {

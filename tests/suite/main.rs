@@ -32,6 +32,7 @@ mod minima;
 mod moment_arms;
 mod mesh_error;
 mod morph;
+mod unload;
 mod oracles;
 mod pairs;
 mod refinement;

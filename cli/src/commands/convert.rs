@@ -10,7 +10,7 @@ use super::failure::Failure;
 use super::length_unit;
 use super::options::Printing;
 use crate::report::output::RunOutput;
-use pliant::io::{self, Encoding, MeshFile, ReadError, WriteError};
+use pliant::io::{self, Encoding, MeshFile, WriteError};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::simulation::LoadError;
 use pliant::springs::format::{self, SpringFile};
@@ -128,11 +128,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 fn read(arguments: &Arguments) -> Result<Content, Failure> {
     let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
     let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
-    let refused = |error: ReadError| LoadError::from(Box::new(error));
-    let mut content = match is_of_springs(&arguments.input) {
-        true => Content::Springs(format::read(&arguments.input).map_err(refused)?),
-        false => Content::Mesh(io::read(&arguments.input).map_err(refused)?),
+    let read = match is_of_springs(&arguments.input) {
+        true => format::read(&arguments.input).map(Content::Springs),
+        false => io::read(&arguments.input).map(Content::Mesh),
     };
+    let mut content = read.map_err(|error| LoadError::from(Box::new(error)))?;
     let vertices = match &mut content {
         Content::Mesh(file) => &mut file.mesh.vertices,
         Content::Springs(file) => &mut file.position,

@@ -33,6 +33,7 @@ mod sensitivities;
 mod springs;
 mod stress;
 mod study;
+mod unload;
 mod view;
 
 use std::io::{ErrorKind, Write};
@@ -103,6 +104,7 @@ enum Command {
     Sensitivities(sensitivities::Arguments),
     /// Find values of a scene with which its result has a measured shape
     Fit(Box<fit::Arguments>),
+    Unload(unload::Arguments),
     /// Run a mass-spring system to rest: one from a file, or a lattice
     Springs(Box<springs::Arguments>),
     /// Change the length of a muscle of frusta that keeps its volume
@@ -162,6 +164,7 @@ pub fn main() -> ExitCode {
         Some(Command::Stress(arguments)) => stress::run(&arguments),
         Some(Command::Sensitivities(arguments)) => sensitivities::run(&arguments),
         Some(Command::Fit(arguments)) => fit::run(&arguments),
+        Some(Command::Unload(arguments)) => unload::run(&arguments),
         Some(Command::Springs(arguments)) => springs::run(&arguments),
         Some(Command::Biceps(arguments)) => biceps::run(&arguments),
         Some(Command::Fibres(arguments)) => fibres::run(&arguments),

@@ -9,6 +9,7 @@ pub mod audit;
 pub mod biceps;
 pub mod fibres;
 pub mod fit;
+pub mod unload;
 pub mod folder;
 pub mod frames;
 pub mod gathered;

@@ -1,8 +1,10 @@
 //! `pliant sensitivities` and `pliant fit`: results, what a shape cannot tell, and wrong input.
 
+use std::fs;
+
 use super::check::code;
 use super::schema::assert_valid;
-use super::{Scratch, run, text};
+use super::{Scratch, run, shown, text};
 use serde_json::Value;
 
 fn summary(arguments: &[&str]) -> (Option<i32>, Value) {
@@ -165,4 +167,92 @@ fn wrong_input_is_refused() {
         assert_eq!(code(&done), Some(2), "{arguments:?}: {said}");
         assert!(said.contains(message), "{arguments:?}: {said}");
     }
+}
+
+#[test]
+fn a_scan_under_gravity_is_unloaded() {
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
+    let gravity = "effects.gravity.acceleration=['0 m/s2', '-20 m/s2', '0 m/s2']";
+    let command = |more: &[&str]| {
+        let mut arguments = vec![
+            "unload",
+            "cube",
+            "--set",
+            gravity,
+            "--json",
+            "--out",
+            shown(&out),
+        ];
+        arguments.extend(more);
+        run(&arguments)
+    };
+    let done = command(&[]);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_valid(&summary);
+    let found = &summary["unload"];
+    let rounds: Vec<f64> = found["rounds_m"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|r| r.as_f64().unwrap())
+        .collect();
+    assert!(
+        rounds[0] > 2e-5 && rounds[rounds.len() - 1] <= 1e-5,
+        "{rounds:?}"
+    );
+    let shape = pliant::io::read(&out.join("cube.obj")).unwrap().mesh;
+    assert!(
+        shape.vertices.len() > 300
+            && out.join("cube.vtp").is_file()
+            && out.join("unload.csv").is_file()
+    );
+    // Controls: a load under which a shape cannot stand is red or refused; wrong numbers are told.
+    let done = command(&[
+        "--set",
+        "effects.gravity.acceleration=['0 m/s2', '-1e5 m/s2', '0 m/s2']",
+    ]);
+    assert_eq!(done.status.code(), Some(1), "{}", text(&done.stderr));
+    for (more, expected) in [
+        (["--tolerance", "0 mm"], "not greater than zero"),
+        (["--tolerance", "3"], "--tolerance 3"),
+        (["--at", "1000"], "after the last frame"),
+    ] {
+        let done = command(&more);
+        let said = text(&done.stderr);
+        assert!(
+            done.status.code() == Some(2) && said.contains(expected),
+            "{said}"
+        );
+    }
+    let done = run(&["unload", "flat-implant"]);
+    assert_eq!(done.status.code(), Some(2));
+}
+
+#[test]
+fn the_error_of_the_mesh_stands_in_the_summary_if_it_is_asked_for() {
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
+    let common = ["run", "cube", "--frames", "2", "--json", "--lenient"];
+    let of = |more: &[&str]| {
+        let mut arguments = common.to_vec();
+        arguments.extend(["--out", shown(&out)]);
+        arguments.extend(more);
+        let (code, summary) = summary(&arguments);
+        assert_eq!(code, Some(0), "{summary:#}");
+        summary["muscles"]["error_estimate"]["mesh_m"].clone()
+    };
+    let stated = of(&["--mesh-error"]).as_f64().expect("a length");
+    assert!(stated > 1e-7 && stated < 1e-3, "{stated}");
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(
+        page.contains("estimated error of the mesh")
+            && page.contains("a second run with triangles")
+    );
+    assert_eq!(of(&["--set", "mesh_error=true"]).as_f64(), Some(stated));
+    // Control: nothing is made up.
+    assert!(of(&[]).is_null());
+    let done = run(&["run", "cube", "--set", "mesh_error=3"]);
+    assert_eq!(done.status.code(), Some(2), "{}", text(&done.stderr));
 }

@@ -18,7 +18,6 @@ use nalgebra::Point3;
 
 pub use bit_grid::{BitGrid, Fill};
 pub use brute_force::BruteForce;
-pub use octree::Octree;
 pub use voxels::Voxels;
 
 use super::faces::Faces;

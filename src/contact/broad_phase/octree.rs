@@ -141,11 +141,6 @@ impl Octree {
         this
     }
 
-    /// Number of cells, including divided ones.
-    pub fn cells(&self) -> usize {
-        self.cells.len()
-    }
-
     fn visit(&self, at: Visit, mesh: &TriangleMesh, point: &Point3<f64>, best: &mut Best) {
         let Cell { link, end } = self.cells[at.cell as usize];
         if end != CUT {

@@ -46,7 +46,7 @@ struct Part {
 }
 
 /// The same scene with equilibrium in every frame.
-fn at_rest(scene: &Scene) -> Scene {
+pub(super) fn at_rest(scene: &Scene) -> Scene {
     Scene {
         solver: SolverQuestion::Equilibrium.minimised(1, TOLERANCE),
         accuracy: None,
@@ -128,7 +128,7 @@ impl SettledMuscles {
 }
 
 /// The next frame of a run.
-fn step(run: &mut Simulation, progress: &dyn Progress) -> Result<(), SensitivityError> {
+pub(super) fn step(run: &mut Simulation, progress: &dyn Progress) -> Result<(), SensitivityError> {
     match run.step_frame_with(progress) {
         Stepped::Done => Ok(()),
         Stepped::Interrupted => Err(SensitivityError::Interrupted),

@@ -174,18 +174,23 @@ pub(super) fn run<F: Number>(
     if course.is_single {
         // Coordinates are rounded as those of the far corner are.
         let spacing = size.norm() / (shape.count() as f64).cbrt();
-        // A graphics card has displacements from rest in place of coordinates.
-        let greatest = match course.is_on_gpu() {
-            true => 0.5 * course.shrink.abs() * size.amax(),
-            false => size.amax(),
+        // What moves a point by less than its rounding in a step does not move it. On a graphics card numbers are
+        // displacements from rest, and such steps add up, until damping holds them.
+        let (greatest, still) = match course.is_on_gpu() {
+            true => (0.5 * course.shrink.abs() * size.amax(), damping / dt),
+            false => (size.amax(), scene.mass / (dt * dt)),
         };
+        let still = still / row_sum;
         let rounds = ABOVE_ROUNDING * f64::from(f32::EPSILON) * greatest / spacing;
-        // What moves a point by less than its rounding in a step does not move it.
-        let still = scene.mass / (dt * dt * row_sum);
         let rounds = rounds * if still > 1.0 { still } else { 1.0 };
         if !(course.tolerance >= rounds) {
             let tolerance = course.tolerance;
-            return Err(SpringsModelError::TooCoarse { rounds, tolerance });
+            let on_card = course.is_on_gpu();
+            return Err(SpringsModelError::TooCoarse {
+                rounds,
+                tolerance,
+                on_card,
+            });
         }
     }
     let mut lattice = Lattice::<F>::new(*shape, settings)?;

@@ -199,6 +199,57 @@ pub(crate) struct GpuLattice {
     motion: LatticeMotion,
 }
 
+/// Bytes of the buffers of a lattice: places, forces, and measures of workgroups.
+#[derive(Clone, Copy)]
+struct Sizes {
+    places: u64,
+    forces: u64,
+    parts: u64,
+}
+
+impl Sizes {
+    /// The sizes for `springs` stored forces a point.
+    fn of(shape: &LatticeShape, springs: usize) -> Self {
+        let count = shape.count();
+        let [across, down] = shader::groups(count as u32);
+        Self {
+            places: 3 * count as u64 * NUMBER,
+            forces: ((springs * count) as u64 * NUMBER).max(NUMBER),
+            parts: u64::from(across) * u64::from(down) * 4 * NUMBER,
+        }
+    }
+
+    fn greatest(self) -> u64 {
+        self.places.max(self.forces)
+    }
+}
+
+/// The vectors between two places of each point: all of x, all of y, all of z.
+fn between(
+    shape: &LatticeShape,
+    from: impl Fn([usize; 3]) -> [f64; 3],
+    to: impl Fn([usize; 3]) -> [f64; 3],
+) -> Vec<f32> {
+    let count = shape.count();
+    let mut all = vec![0.0_f32; 3 * count];
+    for (p, point) in shape.each().enumerate() {
+        let (from, to) = (from(point), to(point));
+        for c in 0..3 {
+            all[c * count + p] = (to[c] - from[c]) as f32;
+        }
+    }
+    all
+}
+
+/// One bit for each of a list.
+fn bits(of: &[bool]) -> Vec<u32> {
+    let word = |some: &[bool]| {
+        let bits = some.iter().enumerate();
+        bits.fold(0, |all, (k, is)| all | u32::from(*is) << k)
+    };
+    of.chunks(32).map(word).collect()
+}
+
 impl GpuLattice {
     /// A lattice where another one is, by one of [`super::GPU_METHODS`].
     ///
@@ -207,92 +258,81 @@ impl GpuLattice {
     pub fn of<F: Number>(from: &Lattice<F>, method: &'static str) -> Result<Self, GpuError> {
         let card = Card::first()?;
         let (shape, settings) = (*from.shape(), *from.settings());
-        let (damping, time_step) = (from.damping(), from.time_step());
-        let count = shape.count();
         let springs = match method {
             "edge" => settings.neighbours.half().len(),
             "point" => 1,
             _ => 0,
         };
-        let of_places = 3 * count as u64 * NUMBER;
-        let of_forces = ((springs * count) as u64 * NUMBER).max(NUMBER);
-        let [across, down] = shader::groups(count as u32);
-        let of_parts = u64::from(across) * u64::from(down) * 4 * NUMBER;
-        let needed = of_places.max(of_forces);
-        if needed > card.most {
+        let sizes = Sizes::of(&shape, springs);
+        if sizes.greatest() > card.most {
             return Err(GpuError::TooLarge {
-                needed,
+                needed: sizes.greatest(),
                 most: card.most,
                 name: card.name,
             });
         }
-        let pinned: Vec<bool> = shape.each().map(|p| from.is_pinned(p)).collect();
-        let apart = |from: &dyn Fn([usize; 3]) -> [f64; 3], to: &dyn Fn([usize; 3]) -> [f64; 3]| {
-            let mut all = vec![0.0_f32; 3 * count];
-            for (p, point) in shape.each().enumerate() {
-                let (from, to) = (from(point), to(point));
-                for c in 0..3 {
-                    all[c * count + p] = (to[c] - from[c]) as f32;
-                }
-            }
-            all
-        };
-        let (now, before) = (
-            |point| from.position(point),
-            |point| from.previous_position(point),
-        );
-        let displaced = apart(&|point| shape.at(point), &now);
-        let bits: Vec<u32> = pinned
-            .chunks(32)
-            .map(|some| {
-                let bits = some.iter().enumerate();
-                bits.fold(0, |all, (k, pinned)| all | u32::from(*pinned) << k)
-            })
-            .collect();
-        let text = shader::source(&shape, &settings, [time_step, damping]);
+        let made = card.checked(|| Self::made(&card, from, sizes, (method, springs)))?;
+        let mut lattice = made(card);
+        lattice.advance(0)?;
+        Ok(lattice)
+    }
+
+    /// Makes what it needs on a card, of which the result takes hold.
+    fn made<F: Number>(
+        card: &Card,
+        from: &Lattice<F>,
+        sizes: Sizes,
+        (method, springs): (&str, usize),
+    ) -> impl FnOnce(Card) -> Self + use<F> {
+        let (shape, settings) = (*from.shape(), *from.settings());
+        let (damping, time_step) = (from.damping(), from.time_step());
         let storage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let here = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let made = card.checked(|| {
-            // What is pinned stays in both.
-            let places = [(); 2].map(|()| card.filled(&displaced));
-            let last = card.filled(&apart(&before, &now));
-            let pinned = card.filled(&bits);
-            let forces = [(); 3].map(|()| card.buffer(of_forces, storage));
-            let parts = card.buffer(of_parts, storage);
-            let module = card
-                .device
-                .create_shader_module(wgpu::ShaderModuleDescriptor {
-                    label: None,
-                    source: wgpu::ShaderSource::Wgsl(Cow::Owned(text)),
-                });
-            let layout = layout(&card.device);
-            let kernel = |name: &str| kernel(&card.device, &module, &layout, name);
-            let bindings = [[0, 1], [1, 0]].map(|[now, next]| {
-                let ([x, y, z], [now, next]) = (&forces, [now, next].map(|k| &places[k]));
-                let all = [now, next, &last, &pinned, x, y, z, &parts];
-                bind(&card.device, &layout, &all)
+        let displaced = between(
+            &shape,
+            |point| shape.at(point),
+            |point| from.position(point),
+        );
+        let moved = between(
+            &shape,
+            |point| from.previous_position(point),
+            |point| from.position(point),
+        );
+        // What is pinned stays in both.
+        let places = [(); 2].map(|()| card.filled(&displaced));
+        let last = card.filled(&moved);
+        let pinned: Vec<bool> = shape.each().map(|p| from.is_pinned(p)).collect();
+        let pinned_there = card.filled(&bits(&pinned));
+        let forces = [(); 3].map(|()| card.buffer(sizes.forces, storage));
+        let parts = card.buffer(sizes.parts, storage);
+        let [parts_here, places_here] =
+            [sizes.parts, sizes.places].map(|bytes| card.buffer(bytes, here));
+        let text = shader::source(&shape, &settings, [time_step, damping]);
+        let module = card
+            .device
+            .create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: None,
+                source: wgpu::ShaderSource::Wgsl(Cow::Owned(text)),
             });
-            let pass = |name: &str, deep: usize| Pass {
-                kernel: kernel(name),
-                deep: deep as u32,
-            };
-            let passes = match method {
-                "edge" => vec![pass("scatter", springs), pass("collect", 1)],
-                "point" => vec![pass("gather", 1), pass("integrate", 1)],
-                _ => vec![pass("single", 1)],
-            };
-            let here = [of_parts, of_places].map(|bytes| card.buffer(bytes, here));
-            (
-                (places, last),
-                bindings,
-                passes,
-                kernel("measure"),
-                parts,
-                here,
-            )
-        })?;
-        let ((places, last), bindings, passes, measure, parts, [parts_here, places_here]) = made;
-        let mut lattice = Self {
+        let layout = layout(&card.device);
+        let bindings = [[0, 1], [1, 0]].map(|[now, next]| {
+            let ([x, y, z], [now, next]) = (&forces, [now, next].map(|k| &places[k]));
+            let all = [now, next, &last, &pinned_there, x, y, z, &parts];
+            bind(&card.device, &layout, &all)
+        });
+        let kernel = |name: &str| kernel(&card.device, &module, &layout, name);
+        let pass = |name: &str, deep: usize| Pass {
+            kernel: kernel(name),
+            deep: deep as u32,
+        };
+        let passes = match method {
+            "edge" => vec![pass("scatter", springs), pass("collect", 1)],
+            "point" => vec![pass("gather", 1), pass("integrate", 1)],
+            _ => vec![pass("single", 1)],
+        };
+        let measure = kernel("measure");
+        let of_pins = shape.count().div_ceil(8) as u64;
+        move |card| Self {
             shape,
             settings,
             damping,
@@ -306,14 +346,12 @@ impl GpuLattice {
             parts_here,
             places_here,
             pinned,
-            bytes: 3 * of_places + 3 * of_forces + of_parts + count.div_ceil(8) as u64,
+            bytes: 3 * sizes.places + 3 * sizes.forces + sizes.parts + of_pins,
             now: 0,
             steps: 0,
             motion: LatticeMotion::default(),
             card,
-        };
-        lattice.advance(0)?;
-        Ok(lattice)
+        }
     }
 
     pub fn shape(&self) -> &LatticeShape {
@@ -375,11 +413,10 @@ impl GpuLattice {
         }
         commands.copy_buffer_to_buffer(&self.parts, 0, &self.parts_here, 0, None);
         let copy = self.card.queue.submit([commands.finish()]);
-        let [force, moved, speeds, stored] = self.card.read(&self.parts_here, &copy, |parts| {
-            let of = |k: usize| parts.iter().skip(k).step_by(4).map(|n| f64::from(*n));
-            let sum = |k: usize| tree_sum(&of(k).collect::<Vec<_>>());
-            [max_or_nan(of(0)), max_or_nan(of(1)), sum(2), sum(3)]
-        })?;
+        let found = self.card.read(&self.parts_here, &copy, <[f32]>::to_vec)?;
+        let of = |k: usize| found.iter().skip(k).step_by(4).map(|n| f64::from(*n));
+        let [speeds, stored] = [2, 3].map(|k| tree_sum(&of(k).collect::<Vec<_>>()));
+        let [force, moved] = [0, 1].map(|k| max_or_nan(of(k)));
         // The greatest of numbers is not theirs where one is none; a sum is none then.
         let or_nan = |number: f64| match (speeds + stored).is_finite() {
             true => number,
