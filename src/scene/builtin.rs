@@ -68,6 +68,11 @@ pub const BUILTIN: &[(&str, &str, &str)] = &[
         include_str!("builtin/lattice.toml"),
         "a box of points on springs, dragged and let go",
     ),
+    (
+        "jelly",
+        include_str!("builtin/jelly.toml"),
+        "two soft cubes of springs thrown at each other above a table",
+    ),
 ];
 
 /// The TOML of a built-in scene.

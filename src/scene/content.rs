@@ -1,8 +1,10 @@
-//! The kinds of scenes: muscles and bones, skin over implants, a lattice of points with springs, or
-//! a geometric muscle.
+//! The kinds of scenes: muscles and bones, skin over implants, a lattice of points with springs, a
+//! geometric muscle, or bodies of springs.
 
 mod geometric;
+mod spring_bodies;
 pub use geometric::GeometricScene;
+pub use spring_bodies::{SpringBodiesScene, SpringBodySpec};
 
 use nalgebra::{Point3, Vector3};
 
@@ -34,6 +36,8 @@ pub enum Content {
     Lattice(Box<LatticeScene>),
     /// A chain of frusta with constant volume: a scene with `radii`.
     Geometric(Box<GeometricScene>),
+    /// Bodies of springs that collide with each other and with rigid ones: a scene with `[[spring_body]]`.
+    SpringBodies(Box<SpringBodiesScene>),
 }
 
 /// A measure of a run: its name in the scenario and in a summary, its header in tables, and the
@@ -67,7 +71,13 @@ macro_rules! fields {
     )*};
 }
 
-fields!(Scene, SkinScene, LatticeScene, GeometricScene);
+fields!(
+    Scene,
+    SkinScene,
+    LatticeScene,
+    GeometricScene,
+    SpringBodiesScene
+);
 
 /// The declaration of a kind of scenes.
 pub(super) struct KindSpec {
@@ -93,7 +103,7 @@ pub(super) const COMMON: [(&str, Kind); 3] =
 
 /// The kinds of scenes. The first kind whose deciding key is in a scene reads it; without any, the
 /// first kind reports what is missing.
-pub(super) const KINDS: [KindSpec; 4] = [
+pub(super) const KINDS: [KindSpec; 5] = [
     KindSpec {
         name: "muscles",
         keys: &[
@@ -151,6 +161,15 @@ pub(super) const KINDS: [KindSpec; 4] = [
         measures: geometric::MEASURES,
         read: geometric::read,
     },
+    KindSpec {
+        name: "spring bodies",
+        keys: spring_bodies::KEYS,
+        deciding: "spring_body",
+        add: "a section [[spring_body]]",
+        without: &[],
+        measures: spring_bodies::MEASURES,
+        read: spring_bodies::read,
+    },
 ];
 
 impl Content {
@@ -161,10 +180,11 @@ impl Content {
             Self::Skin(scene) => (&KINDS[1], &**scene),
             Self::Lattice(scene) => (&KINDS[2], &**scene),
             Self::Geometric(scene) => (&KINDS[3], &**scene),
+            Self::SpringBodies(scene) => (&KINDS[4], &**scene),
         }
     }
 
-    /// Name of the kind: `muscles`, `skin`, `lattice` or `geometric`.
+    /// Name of the kind: `muscles`, `skin`, `lattice`, `geometric` or `spring bodies`.
     pub fn kind(&self) -> &'static str {
         self.scene().0.name
     }
@@ -228,6 +248,7 @@ impl Content {
             Self::Skin(scene) => &mut **scene,
             Self::Lattice(scene) => &mut **scene,
             Self::Geometric(scene) => &mut **scene,
+            Self::SpringBodies(scene) => &mut **scene,
         };
         *scene.origin_mut() = origin;
         self

@@ -37,7 +37,7 @@ pub use builder::SceneBuilder;
 pub use content::OF_MUSCLES;
 pub use content::{
     FillCourse, ImplantFill, LatticeScene, Measure, PRECISIONS, RestCourse, SkinScene, SkinSurface,
-    SpringsDamping, Support,
+    SpringBodiesScene, SpringBodySpec, SpringsDamping, Support,
 };
 pub use effects::EFFECTS;
 pub use keys::{KeySpec, KeyValue, Slider};
@@ -62,11 +62,15 @@ pub use solvers::{Minimisation, Pbd, Solver, SolverQuestion, SolverSpec, Xpbd};
 pub use study::StudyFile;
 
 /// Every key of a scene, by its kind: the name of the kind, and a scene with a remark beside each key.
-pub const LAYOUTS: [(&str, &str); 4] = [
+pub const LAYOUTS: [(&str, &str); 5] = [
     ("muscles", include_str!("layout.toml")),
     ("skin", include_str!("layout-skin.toml")),
     ("lattice", include_str!("layout-lattice.toml")),
     ("geometric muscle", include_str!("layout-geometric.toml")),
+    (
+        "bodies of springs",
+        include_str!("layout-spring-bodies.toml"),
+    ),
 ];
 pub(crate) use twist::smooth_step;
 

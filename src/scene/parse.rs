@@ -12,6 +12,9 @@
 //! Or a lattice:
 #![doc = concat!("```toml\n", include_str!("layout-lattice.toml"), "```")]
 //!
+//! Or bodies of springs:
+#![doc = concat!("```toml\n", include_str!("layout-spring-bodies.toml"), "```")]
+//!
 //! Or a geometric muscle:
 #![doc = concat!("```toml\n", include_str!("layout-geometric.toml"), "```")]
 
@@ -210,7 +213,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
     let up = root.get("up").map(|item| item.direction()).transpose();
     let up = all.keep(up).flatten();
     let mut taken = HashSet::new();
-    let bones = bones(root, &mut taken, &mut all);
+    let bones = bones(root, "bone", &mut taken, &mut all);
     if bones.len() < root.each_section("bone").len() {
         // Without the name of a bone, what names it would be wrong as well.
         all.end()?;
@@ -273,10 +276,26 @@ fn frames(root: &Section<'_>) -> Result<usize, SceneError> {
     Ok(usize::try_from(frames).unwrap_or(usize::MAX))
 }
 
-/// Reads the bones. A bone with an error keeps its name, so that muscles can name it.
-fn bones(root: &Section<'_>, taken: &mut HashSet<String>, all: &mut Gathered) -> Vec<BoneSpec> {
+/// The rigid bodies of a scene of springs: they have the keys of bones.
+pub(super) fn rigid_bodies(
+    root: &Section<'_>,
+    taken: &mut HashSet<String>,
+) -> Result<Vec<BoneSpec>, SceneError> {
+    let mut all = Gathered::default();
+    let bodies = bones(root, "rigid_body", taken, &mut all);
+    all.end()?;
+    Ok(bodies)
+}
+
+/// Reads the bones of a key. A bone with an error keeps its name, so that muscles can name it.
+fn bones(
+    root: &Section<'_>,
+    key: &str,
+    taken: &mut HashSet<String>,
+    all: &mut Gathered,
+) -> Vec<BoneSpec> {
     let mut bones = Vec::new();
-    for section in root.each_section("bone") {
+    for section in root.each_section(key) {
         let Some(section) = all.keep(section) else {
             continue;
         };

@@ -37,6 +37,8 @@ pub enum Dimension {
     Moment,
     /// Pressure or modulus \[Pa\].
     Pressure,
+    /// Velocity [m/s].
+    Velocity,
     /// Acceleration [m/s^2].
     Acceleration,
     /// Ratio without a dimension; the only one with an optional unit.
@@ -158,6 +160,11 @@ const PRESSURE: &[Unit] = &[
     unit(&["hPa", "mbar"], 2),
     unit(&["bar"], 5),
 ];
+const VELOCITY: &[Unit] = &[
+    unit(&["m/s", "m*s-1"], 0),
+    unit(&["mm/s"], -3),
+    unit(&["cm/s"], -2),
+];
 const ACCELERATION: &[Unit] = &[
     unit(&["m/s2", "m*s-2"], 0),
     unit(&["mm/s2"], -3),
@@ -167,7 +174,7 @@ const RATIO: &[Unit] = &[unit(&["%"], -2), unit(&["1", ""], 0)];
 
 impl Dimension {
     /// All dimensions, in the order above.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Length,
         Self::Area,
         Self::Volume,
@@ -182,6 +189,7 @@ impl Dimension {
         Self::Damping,
         Self::Moment,
         Self::Pressure,
+        Self::Velocity,
         Self::Acceleration,
         Self::Ratio,
     ];
@@ -202,6 +210,7 @@ impl Dimension {
             Self::Damping => DAMPING,
             Self::Moment => MOMENT,
             Self::Pressure => PRESSURE,
+            Self::Velocity => VELOCITY,
             Self::Acceleration => ACCELERATION,
             Self::Ratio => RATIO,
         }
@@ -241,6 +250,7 @@ impl Dimension {
             Self::Damping => "0.4 N s/m",
             Self::Moment => "2e-4 N m",
             Self::Pressure => "20 kPa",
+            Self::Velocity => "1 m/s",
             Self::Acceleration => "9.81 m/s2",
             Self::Ratio => "5 %",
         }
@@ -264,6 +274,7 @@ impl fmt::Display for Dimension {
             Self::Damping => "damping",
             Self::Moment => "bending stiffness",
             Self::Pressure => "pressure",
+            Self::Velocity => "velocity",
             Self::Acceleration => "acceleration",
             Self::Ratio => "ratio",
         })

@@ -129,6 +129,12 @@ pub enum Fault {
     /// E079: a spring system cannot run to rest.
     #[error(transparent)]
     Springs(#[from] SpringsModelError),
+    /// E079: bodies of springs cannot move as asked.
+    #[error("{why}")]
+    SpringBodies {
+        /// The cause, with what to change.
+        why: String,
+    },
     /// E081: fibres cannot be computed between the attachments.
     #[error("no fibres between its attachments: {why}")]
     NoFibres {
@@ -180,7 +186,7 @@ impl Fault {
             Self::FactorTooLarge { .. } => "E075",
             Self::Skin(_) => "E076",
             Self::Lattice(_) => "E077",
-            Self::Springs(_) => "E079",
+            Self::Springs(_) | Self::SpringBodies { .. } => "E079",
             Self::Inseparable(_) => "E080",
             Self::NoFibres { .. } => "E081",
             Self::TooMuchTone { .. } => "E082",
@@ -223,6 +229,7 @@ impl Fault {
             Self::Skin(error) => error.help().to_owned(),
             Self::Lattice(_) => "change `stiffness`, `mass`, `damping` or `frame_rate`".to_owned(),
             Self::Springs(error) => error.help().to_owned(),
+            Self::SpringBodies { .. } => "`pliant scenes explain` tells the keys of a scene".to_owned(),
             Self::NoFibres { .. } => "give lines along the fibres (`lines = \"FILE\"`), or correct the attachments"
                 .to_owned(),
             Self::TooMuchTone { .. } => "lower `stress` in [effects.tone], or raise `stretch` in [muscle.material]".to_owned(),

@@ -31,6 +31,7 @@ pub(crate) mod plan;
 pub(crate) mod run;
 pub(crate) mod scenario;
 pub(crate) mod skin;
+pub(crate) mod spring_bodies;
 pub(crate) mod springs;
 mod start;
 mod step_control;
@@ -50,6 +51,7 @@ pub use sensitivity::{ByRuns, Sensitivities, SensitivityError, UncertainMeasure,
 pub use sensitivity::{Combination, FitTarget, Fitted, FittedValue, fit};
 pub use sensitivity::{Unloaded, unload};
 pub use skin::{SkinMeasures, SkinPart, SkinRun};
+pub use spring_bodies::SpringBodiesRun;
 pub use springs::{SpringsModel, SpringsModelError, SpringsRun};
 
 use std::sync::Arc;

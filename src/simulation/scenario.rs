@@ -4,6 +4,7 @@ mod geometric;
 mod lattice;
 mod muscles;
 pub(super) mod skin;
+mod spring_bodies;
 mod springs;
 pub use geometric::GeometricRun;
 
@@ -13,6 +14,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::lattice::LatticeRun;
 use super::skin::SkinRun;
+use super::spring_bodies::SpringBodiesRun;
 use super::springs::SpringsRun;
 use super::{LeftOut, LoadError, Plan, Planned, Simulation};
 use crate::constraints::distance::Distance;
@@ -136,6 +138,8 @@ pub enum ScenarioKind<'a> {
     Springs(&'a SpringsRun),
     /// A chain of frusta with constant volume.
     Geometric(&'a GeometricRun),
+    /// Bodies of springs that collide.
+    SpringBodies(&'a SpringBodiesRun),
     /// A kind outside of the library.
     Other,
 }
@@ -150,6 +154,7 @@ impl ScenarioKind<'_> {
             Self::Lattice(_) => "lattice",
             Self::Springs(_) => "springs",
             Self::Geometric(_) => "geometric",
+            Self::SpringBodies(_) => "spring_bodies",
             Self::Other => "other",
         }
     }
@@ -299,6 +304,7 @@ pub fn scenario_with(
         Content::Lattice(scene) if scene.rest.is_some() => Box::new(SpringsRun::of_lattice(scene)?),
         Content::Lattice(scene) => Box::new(LatticeRun::new((**scene).clone())?),
         Content::Geometric(scene) => Box::new(GeometricRun::new((**scene).clone())),
+        Content::SpringBodies(scene) => Box::new(SpringBodiesRun::new((**scene).clone())?),
     })
 }
 

@@ -42,6 +42,7 @@ mod scenes;
 mod skin;
 mod soft;
 mod solvers;
+mod spring_bodies;
 mod springs;
 mod step_control;
 mod tangent;

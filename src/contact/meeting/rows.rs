@@ -5,6 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::super::gap::{Gap, Parts, difference, gap};
 use super::lists::{AHEAD, Pair};
 use super::{Key, Meeting, StepMotions};
+use crate::springs::contact::ContactPart;
 
 /// Greatest number of sweeps over all rows of a step, and the greatest correction of the last sweep
 /// relative to the thickness.
@@ -110,6 +111,55 @@ impl Meeting {
             if load > 0.0 {
                 self.rows[at].push += load * push / moved[v as usize];
             }
+        }
+    }
+
+    /// Whether a pair was pushed apart in this step.
+    pub fn has_pushed(&self) -> bool {
+        self.rows.iter().any(Row::is_pushed)
+    }
+
+    /// Gives impulses to the pairs that were pushed apart in this step of `dt` [s], one after the other and in up to
+    /// `rounds` rounds, as `impulse` says from the normal and the corners of a pair: weights of both parts, with
+    /// signs, inverse masses and velocities.
+    pub fn collide(
+        &self,
+        bodies: &mut [&mut [Vector3<f64>]],
+        (dt, rounds): (f64, usize),
+        impulse: impl Fn(&Vector3<f64>, ContactPart<4>) -> Option<Vector3<f64>>,
+    ) {
+        let mut velocity: Vec<Vector3<f64>> = Vec::with_capacity(self.soft_count);
+        bodies.iter().for_each(|v| velocity.extend_from_slice(v));
+        for _ in 0..rounds {
+            let mut is_given = false;
+            for row in self.rows.iter().filter(|row| row.is_pushed()) {
+                let inverse_mass = row.corners.map(|v| self.mass[v as usize]);
+                let of_bone = |v: usize| (self.end[v] - self.start[v]) / dt;
+                let now = row.corners.map(|v| {
+                    let v = v as usize;
+                    velocity.get(v).copied().unwrap_or_else(|| of_bone(v))
+                });
+                let part = ContactPart {
+                    weights: row.weights,
+                    inverse_mass,
+                    velocity: now,
+                };
+                let Some(j) = impulse(&row.normal, part) else {
+                    continue;
+                };
+                is_given = true;
+                for ((&v, w), weight) in row.corners.iter().zip(inverse_mass).zip(row.weights) {
+                    if let Some(velocity) = velocity.get_mut(v as usize) {
+                        *velocity += j * (w * weight);
+                    }
+                }
+            }
+            if !is_given {
+                break;
+            }
+        }
+        for (member, v) in self.members.iter().zip(bodies) {
+            v.copy_from_slice(&velocity[member.first..member.first + member.count]);
         }
     }
 

@@ -64,7 +64,7 @@ const TIED: [&str; 13] = [
 /// The scenes of the layouts, and parts that exclude others in them.
 fn scenes() -> Vec<(&'static str, Vec<String>)> {
     let mut scenes: Vec<_> = LAYOUTS.map(|(_, text)| (text, Vec::new())).into();
-    let [muscles, skin, lattice, _] = LAYOUTS.map(|(_, text)| text);
+    let [muscles, skin, lattice, ..] = LAYOUTS.map(|(_, text)| text);
     let change = |change: &str| change.to_owned();
     for solver in &SOLVERS {
         let mut changes = vec![format!("solver={}", solver.key)];

@@ -17,4 +17,5 @@ pub(crate) mod voxels;
 
 pub use bodies::{Bodies, StepContacts};
 pub use body::{BodyError, CollidingBody, Drive};
+pub(crate) use impulse::{ContactPart, impulse};
 pub use impulse::{Response, ResponseError};
