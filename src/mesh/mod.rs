@@ -30,7 +30,7 @@ pub use health::{Finding, FindingKind, FindingPlace, Repair};
 pub use inside::Inside;
 pub use orientation::Orientation;
 pub use repair::{
-    Deviation, LONGEST_RIM, RepairChange, RepairOptions, RepairStep, Repaired, deviation, repair,
+    Deviation, LONGEST_RIM, RepairChange, RepairOptions, RepairStep, deviation, repair,
 };
 
 use nalgebra::Point3;
@@ -40,7 +40,7 @@ pub use isosurface::isosurface;
 pub use measures::Aabb;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use refine::refine_patch;
-pub use refine::{RefineError, Refined, refine};
+pub use refine::{RefineError, refine};
 pub use topology::Topology;
 pub use tube::{lengthened, rim_pose, stump};
 

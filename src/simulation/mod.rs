@@ -39,9 +39,7 @@ mod steer;
 mod together;
 
 pub use attachments::component;
-pub use audit::{
-    Audit, AuditSummary, AuditedPair, AuditedSurface, CrossingCounts, FrameAudit, PairSummary,
-};
+pub use audit::{Audit, AuditSummary, AuditedSurface, CrossingCounts, PairSummary};
 pub use contact_comparison::compare_contact;
 pub use lattice::{LatticeMeasures, LatticeRun};
 pub use measures::{VOLUME_HELD, strain_at_vertices};

@@ -2,82 +2,48 @@
 //!
 //! A step has the order of errata B05: forces, velocities, impulses, positions. Pairs that the step would bring
 //! nearer than the thickness of the surfaces get impulses of equal size and opposite direction, with restitution and
-//! friction. Then the engine of muscles ([`crate::contact::meeting`]) pushes apart what is still too near, which
-//! gives no velocity, and takes back motion until no pair crosses.
+//! friction. The engine of muscles ([`crate::contact::meeting`]) finds them, and then takes back motion until no pair
+//! crosses.
 //!
 //! *Limitations.* The integrator is semi-implicit Euler. Its step is at most half of the longest stable one at rest,
-//! and no longer than a point needs for a quarter of an edge.
+//! and no longer than a point needs for half of the thickness.
+
+mod body;
 
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::assets::{mended, named_at, read_scaled};
 use super::fault::{Fault, LoadError};
 use super::plan::{Plan, Planned};
 use super::scenario::Stepped;
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember};
-use crate::contact::response::OVER_VERTEX;
 use crate::contact::{Obstacle, PosedObstacle, Surface};
 use crate::mesh::crossings::{Crossed, crossings_between, crossings_of};
-use crate::mesh::measures::{Aabb, max_or_nan, volume};
+use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::mesh::predicates;
 use crate::mesh::{SurfaceTree, Topology, TriangleMesh};
-use crate::scene::content::{SpringBodiesScene, SpringBodySpec};
-use crate::scene::{BoneSpec, Source};
+use crate::scene::BoneSpec;
+use crate::scene::content::SpringBodiesScene;
 use crate::springs::contact::{ContactPart, Response, impulse};
-use crate::springs::hooke::Springs;
 use crate::springs::integrators::SemiImplicitEuler;
-use crate::springs::lattice::LatticeShape;
-use crate::springs::volume::TrueVolume;
-use crate::springs::{SpringSystem, limit, mass, patterns, stiffest};
+use crate::springs::{limit, stiffest};
+use body::SoftBody;
 
 /// Length of a step relative to the stability limit.
 const STABLE: f64 = 0.5;
 
-/// Greatest motion of a point in a step, relative to the median edge.
+/// Greatest motion of a point in a step, relative to the median edge and to the thickness: what comes near gets its
+/// impulse before it touches.
 const STRIDE: f64 = 0.25;
+const NEARING: f64 = 0.5;
 
 /// Greatest number of steps a frame.
 const MOST_STEPS: f64 = 1e5;
 
 /// Greatest number of rounds over all pairs in which impulses are given.
 const ROUNDS: usize = 16;
-
-/// A body of springs.
-pub(super) struct SoftBody {
-    name: String,
-    system: SpringSystem,
-    /// The points of the surface, and its triangles among them.
-    points: Vec<u32>,
-    triangles: Vec<[u32; 3]>,
-    /// The surface at the start.
-    start: TriangleMesh,
-    /// The volume that it encloses at the start [m^3]; 0 for an open surface.
-    volume: f64,
-    springs: usize,
-}
-
-impl SoftBody {
-    fn surface(&self) -> Vec<Point3<f64>> {
-        let each = self.points.iter();
-        each.map(|&p| self.system.position[p as usize]).collect()
-    }
-
-    fn velocities(&self) -> Vec<Vector3<f64>> {
-        let each = self.points.iter();
-        each.map(|&p| self.system.velocity[p as usize]).collect()
-    }
-
-    /// Change of its volume, relative to the start.
-    fn volume_change(&self) -> f64 {
-        match self.volume > 0.0 {
-            true => volume(&self.surface(), &self.triangles) / self.volume - 1.0,
-            false => 0.0,
-        }
-    }
-}
 
 /// A simulation of bodies of springs.
 pub struct SpringBodiesRun {
@@ -95,7 +61,11 @@ pub struct SpringBodiesRun {
     edge: f64,
     frame: usize,
     steps: u64,
+    /// The last step [s].
+    dt: f64,
     certificate: Certificate,
+    /// Pairs that got impulses, summed over steps.
+    contacts: u64,
     crossings: usize,
     volume_change: f64,
     time_s: f64,
@@ -110,11 +80,11 @@ impl SpringBodiesRun {
     pub fn new(scene: SpringBodiesScene) -> Result<Self, LoadError> {
         let mut bodies = Vec::new();
         for (k, spec) in scene.bodies.iter().enumerate() {
-            bodies.push(soft(&scene, spec, &format!("spring_body.{k}"))?);
+            bodies.push(body::soft(&scene, spec, &format!("spring_body.{k}"))?);
         }
         let mut rigid = Vec::new();
         for (k, spec) in scene.rigid.iter().enumerate() {
-            rigid.push(read(&scene, spec, &format!("rigid_body.{k}"))?);
+            rigid.push(body::rigid(&scene, spec, &format!("rigid_body.{k}"))?);
         }
         let surfaces: Vec<Arc<Surface>> = rigid.iter().map(|m| Arc::new(Surface::new(m))).collect();
         let pose = |spec: &BoneSpec| spec.motion.pose(0.0);
@@ -164,7 +134,9 @@ impl SpringBodiesRun {
             edge,
             frame: 0,
             steps: 0,
+            dt: 0.0,
             certificate: Certificate::default(),
+            contacts: 0,
             crossings: 0,
             volume_change: 0.0,
             time_s: 0.0,
@@ -210,10 +182,16 @@ impl SpringBodiesRun {
     /// origin.
     pub fn energy(&self) -> [f64; 2] {
         let (mut kinetic, mut all) = (0.0, 0.0);
-        for body in &self.bodies {
-            let of = body.system.energy();
-            kinetic += of.kinetic;
-            all += of.total();
+        let mut acceleration = Vec::new();
+        for SoftBody { system, .. } in &self.bodies {
+            system.acceleration(&system.position, &system.velocity, &mut acceleration);
+            let of = system.energy();
+            // Velocities are those of half a step before the positions.
+            let each = system.velocity.iter().zip(&acceleration).zip(system.mass());
+            let now = each.map(|((v, a), m)| 0.5 * m * (v + a * (0.5 * self.dt)).norm_squared());
+            let now: f64 = now.sum();
+            kinetic += now;
+            all += of.total() - of.kinetic + now;
         }
         [kinetic, all]
     }
@@ -233,7 +211,8 @@ impl SpringBodiesRun {
         let frame = 1.0 / self.scene.frame_rate;
         // What falls freely in the frame, and the poses of rigid bodies, make points faster.
         let fastest = self.fastest() + self.scene.gravity.norm() * frame;
-        let stride = STRIDE * self.edge / fastest;
+        let [of_edge, near] = [STRIDE * self.edge, NEARING * self.scene.thickness];
+        let stride = if near < of_edge { near } else { of_edge } / fastest;
         let longest = if stride < self.longest {
             stride
         } else {
@@ -247,8 +226,9 @@ impl SpringBodiesRun {
             ));
         }
         let steps = if steps > 1.0 { steps as u32 } else { 1 };
+        self.dt = frame / f64::from(steps);
         for k in 0..steps {
-            if let Err(why) = self.advance(frame / f64::from(steps), (k, steps)) {
+            if let Err(why) = self.advance(self.dt, (k, steps)) {
                 return Stepped::Failed(format!("frame {}: {why}", self.frame + 1));
             }
         }
@@ -283,23 +263,25 @@ impl SpringBodiesRun {
         }
         let mut velocities: Vec<Vec<Vector3<f64>>> =
             self.bodies.iter().map(SoftBody::velocities).collect();
-        let free = |velocities: &[Vec<Vector3<f64>>]| -> Vec<Vec<Point3<f64>>> {
-            let each = start.iter().zip(velocities);
-            each.map(|(x, v)| x.iter().zip(v).map(|(x, v)| x + v * dt).collect())
-                .collect()
-        };
         // What a step without contact brings too near gets impulses.
-        let mut end = free(&velocities);
-        self.meeting.respond(&mut slices(&mut end), None);
-        if self.meeting.has_pushed() {
+        let mut end = moved(&start, &velocities, dt);
+        let mut pushed = end.clone();
+        self.meeting.respond(&mut slices(&mut pushed), None);
+        let touching = self.meeting.pushed();
+        if touching > 0 {
+            self.contacts += touching as u64;
             let (response, none) = (self.response, still());
-            self.meeting.collide(
-                &mut slices(&mut velocities),
-                (dt, ROUNDS),
-                |normal, part| impulse(normal, &none, &part, response),
-            );
-            end = free(&velocities);
-            self.meeting.respond(&mut slices(&mut end), None);
+            let of = |normal: &Vector3<f64>, (weights, inverse_mass, velocity)| {
+                let part = ContactPart::<4> {
+                    weights,
+                    inverse_mass,
+                    velocity,
+                };
+                impulse(normal, &none, &part, response)
+            };
+            let mut moving = slices(&mut velocities);
+            self.meeting.collide(&mut moving, (dt, ROUNDS), of);
+            end = moved(&start, &velocities, dt);
         }
         self.meeting.hold(&mut slices(&mut end), None);
         for ((body, end), velocities) in self.bodies.iter_mut().zip(end).zip(velocities) {
@@ -424,12 +406,23 @@ impl SpringBodiesRun {
             ("time_s", self.time_s),
             ("crossings", self.crossings as f64),
             ("volume_change", self.volume_change),
-            ("contacts", self.certificate.pairs as f64),
+            ("contacts", self.contacts as f64),
             ("kinetic_energy_j", kinetic),
             ("energy_j", all),
             ("speed_m_s", self.fastest()),
         ]
     }
+}
+
+/// Where the points of each body go in a step of `dt` [s].
+fn moved(
+    from: &[Vec<Point3<f64>>],
+    velocities: &[Vec<Vector3<f64>>],
+    dt: f64,
+) -> Vec<Vec<Point3<f64>>> {
+    let each = from.iter().zip(velocities);
+    each.map(|(x, v)| x.iter().zip(v).map(|(x, v)| x + v * dt).collect())
+        .collect()
 }
 
 fn slices<T>(of: &mut [Vec<T>]) -> Vec<&mut [T]> {
@@ -454,7 +447,7 @@ fn meeting(
 ) -> Meeting {
     let settings = MeetingSettings {
         thickness: scene.thickness,
-        over_bone: OVER_VERTEX,
+        over_bone: 1.0,
         // Impulses have the friction.
         friction: 0.0,
         others: true,
@@ -489,131 +482,6 @@ fn meeting(
         .collect();
     Meeting::new(settings, &soft, &partners, placed, |o| {
         surfaces.get(o).cloned()
-    })
-}
-
-/// The mesh of a rigid body.
-fn read(scene: &SpringBodiesScene, spec: &BoneSpec, key: &str) -> Result<TriangleMesh, LoadError> {
-    let mesh = mesh_of(scene, &spec.surface, (key, &spec.name))?;
-    Ok(mended(mesh, spec.repair.as_ref(), &mut Vec::new()))
-}
-
-/// A mesh that must have triangles.
-fn mesh_of(
-    scene: &SpringBodiesScene,
-    source: &Source,
-    (key, name): (&str, &str),
-) -> Result<TriangleMesh, LoadError> {
-    let mesh = read_scaled(source)?.mesh;
-    if mesh.triangles.is_empty() {
-        let fault = Fault::NoTriangles {
-            file: name.to_owned(),
-        };
-        let key = named_at(source, key, "mesh");
-        return Err(LoadError::at(&scene.origin, &key, name.to_owned(), fault));
-    }
-    Ok(mesh)
-}
-
-/// A body of springs at its place, with its velocity.
-fn soft(
-    scene: &SpringBodiesScene,
-    spec: &SpringBodySpec,
-    key: &str,
-) -> Result<SoftBody, LoadError> {
-    let refused = |below: &str, fault: Fault| {
-        LoadError::at(
-            &scene.origin,
-            &format!("{key}.{below}"),
-            spec.name.clone(),
-            fault,
-        )
-    };
-    let unfit = |why: &dyn std::fmt::Display| Fault::SpringBodies {
-        why: why.to_string(),
-    };
-    let (mut x, triangles, pairs) = match (&spec.lattice, &spec.surface) {
-        (Some((points, side, neighbours)), _) => {
-            let shape = LatticeShape::with_longest_side(*points, *side)
-                .map_err(|error| refused("lattice", error.into()))?;
-            let faces = shape.faces().map(|corners| corners.map(|p| shape.index(p)));
-            let pairs: Vec<[u32; 2]> = patterns::lattice(&shape, *neighbours).collect();
-            (shape.positions(), faces.collect(), pairs)
-        }
-        (None, Some(source)) => {
-            let mesh = mesh_of(scene, source, (key, &spec.name))?;
-            let topology = Topology::new(&mesh);
-            (mesh.vertices, mesh.triangles, topology.edges)
-        }
-        (None, None) => (Vec::new(), Vec::new(), Vec::new()),
-    };
-    x.iter_mut().for_each(|x| *x += spec.at);
-    let whole = TriangleMesh {
-        vertices: x.clone(),
-        triangles: triangles.clone(),
-    };
-    let masses = match spec.lattice {
-        Some(_) => vec![spec.mass / x.len() as f64; x.len()],
-        None => mass::by_area(&whole, spec.mass).map_err(|error| refused("mass", unfit(&error)))?,
-    };
-    let springs = patterns::at_rest(&x, pairs, |_| spec.stiffness);
-    let springs = Springs::new(x.len(), springs).map_err(|e| refused("stiffness", unfit(&e)))?;
-    let count = springs.springs().len();
-    let mut system =
-        SpringSystem::new(x, masses).map_err(|error| refused("mass", unfit(&error)))?;
-    system
-        .add(springs)
-        .map_err(|e| refused("stiffness", unfit(&e)))?;
-    if let Some(bulk) = spec.bulk_modulus {
-        let held = TrueVolume::new(&system.position, &triangles, bulk, None, &[])
-            .map_err(|error| refused("bulk_modulus", unfit(&error)))?;
-        system
-            .add(held)
-            .map_err(|e| refused("bulk_modulus", unfit(&e)))?;
-    }
-    system.damping = spec.damping;
-    if scene.gravity != Vector3::zeros() {
-        system.load = system.mass().iter().map(|m| scene.gravity * *m).collect();
-    }
-    if let Some(&index) = spec.held.iter().find(|&&v| v as usize >= system.len()) {
-        let fault = Fault::NoSuchVertex {
-            index,
-            count: system.len(),
-            refined: false,
-        };
-        return Err(refused("held", fault));
-    }
-    let velocity = spec.velocity;
-    system.velocity.iter_mut().for_each(|v| *v = velocity);
-    let lowest = system.position.iter().map(|x| x.y);
-    let lowest = lowest.fold(f64::INFINITY, |a, b| if b < a { b } else { a });
-    let extent = Aabb::of_points(&system.position).extents().amax();
-    let is_lowest = |x: &Point3<f64>| spec.holds_lowest && x.y <= lowest + 1e-9 * extent;
-    let each = (0u32..).zip(&system.position);
-    let mut held: Vec<u32> = each.filter(|(_, x)| is_lowest(x)).map(|(p, _)| p).collect();
-    held.extend(&spec.held);
-    system.pin(held);
-    let mut points: Vec<u32> = triangles.iter().flatten().copied().collect();
-    points.sort_unstable();
-    points.dedup();
-    let place = |p: u32| points.binary_search(&p).map_or(0, |k| k as u32);
-    let triangles: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(place)).collect();
-    let start = TriangleMesh {
-        vertices: points
-            .iter()
-            .map(|&p| system.position[p as usize])
-            .collect(),
-        triangles: triangles.clone(),
-    };
-    let is_closed = Topology::new(&start).is_closed();
-    Ok(SoftBody {
-        name: spec.name.clone(),
-        volume: if is_closed { start.volume() } else { 0.0 },
-        springs: count,
-        system,
-        points,
-        triangles,
-        start,
     })
 }
 

@@ -90,7 +90,7 @@ fn the_stated_error_is_twice_the_distance_from_a_run_on_the_finer_mesh() {
 
 #[test]
 fn the_error_of_a_mesh_is_near_the_real_one() {
-    let hip = scene("hip", &["muscle.0.edge_length=14mm", "frames=12"]);
+    let hip = scene("hip", &["muscle.0.edge_length=16mm", "frames=5"]);
     let mut finest = hip.clone();
     let mesh = Assets::load(&hip).expect("meshes").muscles[0].mesh.clone();
     let count = mesh.vertices.len();

@@ -436,7 +436,7 @@ fn wrong_overrides_name_themselves() {
             "error[E052]: unknown key `effect`, did you mean `effects`?; \
           known keys here: name, frames, frame_rate, accuracy, mesh_error, up, limits, bone, capsule, muscle, interface, effects, solver, \
           skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
-         min_part, max_part, insert, caps, fixed_length",
+         min_part, max_part, insert, caps, fixed_length, spring_body, rigid_body, gravity, collision",
         ),
         (
             "contact.friction=-1",

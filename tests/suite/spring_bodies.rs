@@ -63,7 +63,7 @@ fn two(points: usize, collision: &str, more: &str) -> SpringBodiesScene {
 fn impulses_keep_the_momentum_and_never_raise_the_energy() {
     for (restitution, friction) in [(0.0, 0.0), (0.5, 0.4), (1.0, 0.2)] {
         let text = format!("restitution = {restitution}\nfriction = {friction}");
-        let mut run = run(two(5, &text, ""));
+        let mut run = run(two(4, &text, ""));
         let (before, scale) = (run.momentum(), 0.2 * 2.5);
         let mut most = run.energy()[1];
         let start = most;
@@ -94,27 +94,26 @@ fn impulses_keep_the_momentum_and_never_raise_the_energy() {
 }
 
 #[test]
-fn restitution_is_the_ratio_of_speeds() {
-    // Eight points and stiff springs: nearly rigid, face to face.
-    for restitution in [0.0, 0.5, 1.0] {
-        let stiff = "stiffness = \"2e5 N/m\"";
+fn restitution_says_what_energy_an_impact_leaves() {
+    // Two layers of points each, face to face: what is left of the speed of a front is in the springs.
+    let left = |restitution: f64| {
+        let stiff = "stiffness = \"2000 N/m\"";
         let mut run = run(scene(&format!(
             "[collision]\nrestitution = {restitution}\n{}{}",
-            cube("left", 2, [-70.0, 0.0, 0.0], [1.0, 0.0, 0.0], stiff),
-            cube("right", 2, [10.0, 0.0, 0.0], [-1.0, 0.0, 0.0], stiff),
+            cube("left", 2, [-64.0, 0.0, 0.0], [1.0, 0.0, 0.0], stiff),
+            cube("right", 2, [4.0, 0.0, 0.0], [-1.0, 0.0, 0.0], stiff),
         )));
-        steps(&mut run, 4);
-        let speed = |body: usize| {
-            let (_, v) = &run.bodies()[body];
-            v.iter().map(|v| v.x).sum::<f64>() / v.len() as f64
-        };
-        let apart = speed(1) - speed(0);
-        assert!(
-            (apart - 2.0 * restitution).abs() <= 0.1,
-            "{restitution}: {apart}"
-        );
+        let start = run.energy()[1];
+        steps(&mut run, 3);
         assert_eq!(measure(&run, "crossings"), 0.0);
-    }
+        assert!(measure(&run, "contacts") > 0.0, "control: they meet");
+        run.energy()[1] / start
+    };
+    assert!((left(1.0) - 1.0).abs() <= 0.03, "{}", left(1.0));
+    // An impact without bounce stops the fronts, which have half of the mass.
+    assert!(left(0.0) <= 0.55, "{}", left(0.0));
+    let half = left(0.5);
+    assert!(half > left(0.0) && half < 0.97, "{half}");
 }
 
 /// A table that stands, 30 mm below the origin.
@@ -123,12 +122,12 @@ const TABLE: &str = "[[rigid_body]]\nname = \"table\"\nshape = \"press-plate\"\n
 #[test]
 fn friction_slows_what_slides_on_a_table() {
     let slide = |friction: f64| {
-        let stiff = "stiffness = \"2000 N/m\"\ndamping = \"0.02 N s/m\"";
+        let stiff = "stiffness = \"2000 N/m\"";
         let mut run = run(scene(&format!(
             "gravity = [\"0 m/s2\", \"-9.81 m/s2\", \"0 m/s2\"]\n[collision]\nfriction = {friction}\n{}{TABLE}",
-            cube("block", 4, [-130.0, -28.5, -30.0], [1.0, 0.0, 0.0], stiff),
+            cube("block", 3, [-130.0, -28.98, -30.0], [1.0, 0.0, 0.0], stiff),
         )));
-        steps(&mut run, 12);
+        steps(&mut run, 6);
         assert_eq!(measure(&run, "crossings"), 0.0);
         let (x, v) = &run.bodies()[0];
         let lowest = x
@@ -141,14 +140,14 @@ fn friction_slows_what_slides_on_a_table() {
         );
         v.iter().map(|v| v.x).sum::<f64>() / v.len() as f64
     };
-    // Damping of 64 points of 0.02 N s/m takes a share of exp(-6.4 t) alone.
-    let free = slide(0.0);
-    let held = slide(0.3);
-    let seconds = 12.0 / 60.0;
-    let expected = (1.0 - (-6.4_f64 * seconds).exp()) / 6.4 * 0.3 * 9.81;
-    let lost = free - held;
-    assert!((free - (-6.4_f64 * seconds).exp()).abs() <= 0.05, "{free}");
-    assert!((lost / expected - 1.0).abs() <= 0.25, "{lost} {expected}");
+    let (free, held) = (slide(0.0), slide(0.2));
+    assert!((free - 1.0).abs() <= 1e-9, "{free}");
+    // Coulomb's law, for a tenth of a second.
+    let expected = 0.2 * 9.81 * 0.1;
+    assert!(
+        ((free - held) / expected - 1.0).abs() <= 0.2,
+        "{held} {expected}"
+    );
 }
 
 #[test]
@@ -156,7 +155,7 @@ fn cubes_in_a_heap_cross_nothing() {
     let mut text = String::from(
         "gravity = [\"0 m/s2\", \"-9.81 m/s2\", \"0 m/s2\"]\n[collision]\nrestitution = 0.3\nfriction = 0.3\n",
     );
-    for k in 0..5 {
+    for k in 0..3 {
         let (x, y) = (-70.0 + 12.0 * f64::from(k % 2), -20.0 + 70.0 * f64::from(k));
         let stiff = "stiffness = \"200 N/m\"\ndamping = \"0.002 N s/m\"";
         text += &cube(
@@ -168,9 +167,9 @@ fn cubes_in_a_heap_cross_nothing() {
         );
     }
     let mut first = run(scene(&format!("{text}{TABLE}")));
-    steps(&mut first, 40);
+    steps(&mut first, 25);
     assert_eq!(measure(&first, "crossings"), 0.0);
-    assert!(measure(&first, "contacts") > 100.0);
+    assert!(measure(&first, "contacts") > 50.0);
     assert_eq!(first.certificate().open, 0);
     // The same bits for any number of threads.
     let pool = rayon::ThreadPoolBuilder::new()
@@ -179,7 +178,7 @@ fn cubes_in_a_heap_cross_nothing() {
         .expect("a thread");
     let second = pool.install(|| {
         let mut second = run(scene(&format!("{text}{TABLE}")));
-        steps(&mut second, 40);
+        steps(&mut second, 25);
         second
     });
     assert_eq!(first.bodies(), second.bodies());

@@ -57,9 +57,9 @@ fn what_sagged_is_found_as_it_was() {
     assert!(sag > 3e-4, "control: {sag} m");
     let of_scan = with(&scene, scan.clone());
     let content = Content::Muscles(Box::new(of_scan.clone()));
-    let found = unload(&content, 1, 2e-6, &Silent).expect("shapes");
+    let found = unload(&content, 1, 5e-6, &Silent).expect("shapes");
     let (_, shape, left) = &found.bodies[0];
-    assert!(left.iter().all(|left| *left <= 2e-6), "{:?}", found.rounds);
+    assert!(left.iter().all(|left| *left <= 5e-6), "{:?}", found.rounds);
     // The first round says how far a scan sags that is taken for the shape at rest.
     assert!(found.rounds[0] > 0.3 * sag, "{:?}", found.rounds);
     let off = apart(&before.vertices, &shape.vertices);
@@ -67,7 +67,7 @@ fn what_sagged_is_found_as_it_was() {
     assert!((shape.volume() / before.volume() - 1.0).abs() <= 1e-3);
     // Recomputed: a run that begins with the shape found ends with the scan.
     let again = scanned(&with(&scene, shape.clone()));
-    assert!(apart(&again.vertices, &scan.vertices) <= 2e-6);
+    assert!(apart(&again.vertices, &scan.vertices) <= 5e-6);
     // Control: the reverse load on the scan leads elsewhere.
     let mut reversed = of_scan;
     reversed.effects.gravity = Some(Vector3::new(0.0, 98.1, 0.0));

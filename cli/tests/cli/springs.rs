@@ -518,7 +518,7 @@ fn a_sweep_has_the_steps_of_the_thesis_and_its_best_dampings() {
         "--sweep",
         "damping=5",
         "--sweep",
-        "mass=1,0.001",
+        "mass=1,1e-6",
         "--lenient",
     ]);
     let cell = &unstable["springs_sweep"]["lattices"][1];

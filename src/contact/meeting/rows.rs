@@ -5,12 +5,17 @@ use nalgebra::{Point3, Vector3};
 use super::super::gap::{Gap, Parts, difference, gap};
 use super::lists::{AHEAD, Pair};
 use super::{Key, Meeting, StepMotions};
-use crate::springs::contact::ContactPart;
 
 /// Greatest number of sweeps over all rows of a step, and the greatest correction of the last sweep
 /// relative to the thickness.
 const SWEEPS: usize = 12;
 pub(super) const NEARLY: f64 = 0.02;
+
+/// Two edges at a smaller sine of their angle are parallel: the direction between them is then one of many.
+const PARALLEL: f64 = 1e-2;
+
+/// Weights, inverse masses and velocities of the corners of a pair.
+type Corners = ([f64; 4], [f64; 4], [Vector3<f64>; 4]);
 
 /// A pair that is pushed apart in this step: C = n.(sum w x) - distance >= 0.
 #[derive(Clone, Copy, Debug)]
@@ -114,9 +119,9 @@ impl Meeting {
         }
     }
 
-    /// Whether a pair was pushed apart in this step.
-    pub fn has_pushed(&self) -> bool {
-        self.rows.iter().any(Row::is_pushed)
+    /// Number of pairs that were pushed apart in this step.
+    pub fn pushed(&self) -> usize {
+        self.rows.iter().filter(|row| row.is_pushed()).count()
     }
 
     /// Gives impulses to the pairs that were pushed apart in this step of `dt` [s], one after the other and in up to
@@ -126,25 +131,25 @@ impl Meeting {
         &self,
         bodies: &mut [&mut [Vector3<f64>]],
         (dt, rounds): (f64, usize),
-        impulse: impl Fn(&Vector3<f64>, ContactPart<4>) -> Option<Vector3<f64>>,
+        impulse: impl Fn(&Vector3<f64>, Corners) -> Option<Vector3<f64>>,
     ) {
         let mut velocity: Vec<Vector3<f64>> = Vec::with_capacity(self.soft_count);
         bodies.iter().for_each(|v| velocity.extend_from_slice(v));
+        let facing: Vec<&Row> = self
+            .rows
+            .iter()
+            .filter(|row| row.is_pushed() && row.is_facing(&self.start))
+            .collect();
         for _ in 0..rounds {
             let mut is_given = false;
-            for row in self.rows.iter().filter(|row| row.is_pushed()) {
+            for row in &facing {
                 let inverse_mass = row.corners.map(|v| self.mass[v as usize]);
                 let of_bone = |v: usize| (self.end[v] - self.start[v]) / dt;
                 let now = row.corners.map(|v| {
                     let v = v as usize;
                     velocity.get(v).copied().unwrap_or_else(|| of_bone(v))
                 });
-                let part = ContactPart {
-                    weights: row.weights,
-                    inverse_mass,
-                    velocity: now,
-                };
-                let Some(j) = impulse(&row.normal, part) else {
+                let Some(j) = impulse(&row.normal, (row.weights, inverse_mass, now)) else {
                     continue;
                 };
                 is_given = true;
@@ -200,6 +205,17 @@ impl Row {
 
     fn key(&self) -> Key {
         (self.parts, self.corners)
+    }
+
+    /// Whether the parts face each other: a vertex over a triangle and not beside it, or two edges that are not
+    /// parallel. What slides over a surface must not hit the sides of its triangles.
+    fn is_facing(&self, x: &[Point3<f64>]) -> bool {
+        if self.parts.first() == 1 {
+            return !self.weights[1..].contains(&0.0);
+        }
+        let [a, b, c, d] = self.corners.map(|v| x[v as usize]);
+        let (one, other) = (b - a, d - c);
+        one.cross(&other).norm() > PARALLEL * one.norm() * other.norm()
     }
 
     pub fn is_pushed(&self) -> bool {

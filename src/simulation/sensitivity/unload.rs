@@ -23,6 +23,10 @@ const MIXED: usize = 3;
 const WORSE: f64 = 1.5;
 const SHORTEST: f64 = 1.0 / 16.0;
 
+/// After this number of rounds without this part of what was left before, no shape is nearer.
+const PATIENCE: usize = 6;
+const LESS: f64 = 0.7;
+
 /// The shapes at rest of a scene's muscles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unloaded {
@@ -87,7 +91,10 @@ pub fn unload(
         if most < best.0 {
             best = (most, shape.clone(), found);
         }
-        if most <= tolerance {
+        let earlier = rounds.len().saturating_sub(PATIENCE);
+        let before = rounds[..earlier].iter();
+        let before = before.fold(f64::INFINITY, |a, b| if *b < a { *b } else { a });
+        if most <= tolerance || best.0 > LESS * before {
             break;
         }
         if !(most <= WORSE * best.0) {
