@@ -436,7 +436,7 @@ fn wrong_overrides_name_themselves() {
             "error[E052]: unknown key `effect`, did you mean `effects`?; \
           known keys here: name, frames, frame_rate, accuracy, mesh_error, up, limits, bone, capsule, muscle, interface, effects, solver, \
           skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
-         min_part, max_part, insert, caps, fixed_length, spring_body, rigid_body, gravity, collision",
+         min_part, max_part, insert, caps, fixed_length, spring_body, rigid_body, acceleration, collision",
         ),
         (
             "contact.friction=-1",
@@ -564,7 +564,7 @@ fn a_name_is_a_file_or_a_built_in() {
     assert_eq!(
         terse("hop"),
         "hop: error[E063]: there is no scene `hop`, did you mean `hip`?; \
-         there are: hip, press, distance, shape, volume, chain, cube, sheet, flat-implant, expander, lattice"
+         there are: hip, press, distance, shape, volume, chain, cube, sheet, flat-implant, expander, lattice, jelly"
     );
     assert_eq!(
         terse("hip.toml"),

@@ -19,7 +19,7 @@ use crate::springs::Neighbours;
 pub(super) const KEYS: &[(&str, Kind)] = &[
     ("spring_body", List(&SPRING_BODY)),
     ("rigid_body", List(&schema::BONE)),
-    ("gravity", Plain),
+    ("acceleration", Plain),
     ("collision", Table(&COLLISION)),
 ];
 
@@ -139,7 +139,7 @@ pub(super) fn read(root: &Section<'_>, name: String) -> Result<Content, SceneErr
     }
     let rigid = rigid_bodies(root, &mut taken)?;
     let gravity = root
-        .get("gravity")
+        .get("acceleration")
         .map(|item| item.vector(Dimension::Acceleration));
     let collision = root.section("collision")?;
     let collision = collision.as_ref();

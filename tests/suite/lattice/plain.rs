@@ -17,6 +17,11 @@ pub struct Spring {
 pub fn springs(shape: &LatticeShape, settings: &LatticeSettings) -> Vec<Spring> {
     let [nx, ny, _] = shape.points;
     let number = |[i, j, k]: [usize; 3]| (k * ny + j) * nx + i;
+    let farthest = match settings.neighbours {
+        Neighbours::Six => 1,
+        Neighbours::Eighteen => 2,
+        Neighbours::TwentySix => 3,
+    };
     let mut all = Vec::new();
     for point in shape.each() {
         for offset in 0..27 {
@@ -24,7 +29,7 @@ pub fn springs(shape: &LatticeShape, settings: &LatticeSettings) -> Vec<Spring> 
             let away: i32 = step.iter().map(|s: &i32| s.abs()).sum();
             let other = [0, 1, 2].map(|c| point[c] as i64 + i64::from(step[c]));
             let inside = (0..3).all(|c| (0..shape.points[c] as i64).contains(&other[c]));
-            if !inside || away == 0 || away > 1 && settings.neighbours == Neighbours::Six {
+            if !inside || away == 0 || away > farthest {
                 continue;
             }
             let other = other.map(|o| o as usize);

@@ -95,7 +95,7 @@ refused! {
         "s.toml:9:2: error[E052]: unknown key `gravity`; \
          known keys here: name, frames, frame_rate, accuracy, mesh_error, up, limits, bone, capsule, muscle, interface, effects, solver, \
          skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
-         min_part, max_part, insert, caps, fixed_length, spring_body, rigid_body, gravity, collision";
+         min_part, max_part, insert, caps, fixed_length, spring_body, rigid_body, acceleration, collision";
     e052_nothing_known: with("[effects.stretch]\nstiffness = 1\n") =>
         "s.toml:10:1: error[E052]: effects.stretch: unknown key `stiffness`; known keys here: none";
     e053_duplicate_key: spoilt("frames = 3", "frames = 3\nframes = 4") =>
