@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::fault::{Fault, LoadError};
 use super::plan::{Plan, Planned};
-use super::scenario::Stepped;
+use super::scenario::{BodyState, Stepped};
 use crate::contact::meeting::{Certificate, Meeting, MeetingSettings, SoftMember};
 use crate::contact::{Obstacle, PosedObstacle, Surface};
 use crate::mesh::crossings::{Crossed, crossings_between, crossings_of};
@@ -44,6 +44,9 @@ const MOST_STEPS: f64 = 1e5;
 
 /// Greatest number of rounds over all pairs in which impulses are given.
 const ROUNDS: usize = 16;
+
+/// A surface whose crossings are counted: positions, triangles, and whether it is rigid.
+type Audited<'a> = (Vec<Point3<f64>>, &'a [[u32; 3]], bool);
 
 /// A simulation of bodies of springs.
 pub struct SpringBodiesRun {
@@ -326,7 +329,7 @@ impl SpringBodiesRun {
     /// Number of pairs of triangles that cross: of two bodies, of a body and a rigid one, of one body.
     fn count_crossings(&self) -> usize {
         let soft = self.bodies.iter();
-        let mut all: Vec<(Vec<Point3<f64>>, &[[u32; 3]], bool)> = soft
+        let mut all: Vec<Audited<'_>> = soft
             .map(|body| (body.surface(), &body.triangles[..], false))
             .collect();
         let rigid = self.rigid.iter().enumerate();
@@ -367,7 +370,7 @@ impl SpringBodiesRun {
     }
 
     /// Positions and velocities of the surface of each body.
-    pub(super) fn states(&self) -> Vec<(Vec<Point3<f64>>, Vec<Vector3<f64>>)> {
+    pub(super) fn states(&self) -> Vec<BodyState> {
         let each = self.bodies.iter();
         each.map(|body| (body.surface(), body.velocities()))
             .collect()

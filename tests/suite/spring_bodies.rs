@@ -37,10 +37,10 @@ fn run(scene: SpringBodiesScene) -> SpringBodiesRun {
 
 fn measure(run: &SpringBodiesRun, name: &str) -> f64 {
     let all = Scenario::measures(run).into_iter();
-    let found = all
+    let mut found = all
         .filter(|(known, _)| *known == name)
         .map(|(_, value)| value);
-    found.last().expect("a measure")
+    found.next().expect("a measure")
 }
 
 fn steps(run: &mut SpringBodiesRun, frames: usize) {

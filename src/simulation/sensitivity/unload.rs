@@ -184,11 +184,14 @@ impl Forward<'_> {
     }
 }
 
+/// A shape, and what was left of it.
+type Round = (Vec<Point3<f64>>, Vec<Vector3<f64>>);
+
 /// Anderson's mixing of the last rounds.
 #[derive(Default)]
 struct Mixing {
     /// Shape and what was left, of the last rounds.
-    rounds: Vec<(Vec<Point3<f64>>, Vec<Vector3<f64>>)>,
+    rounds: Vec<Round>,
 }
 
 impl Mixing {
