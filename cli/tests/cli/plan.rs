@@ -181,7 +181,7 @@ fn every_key_of_a_scene_is_explained() {
     let said = text(&done.stderr);
     assert_eq!(done.status.code(), Some(2));
     assert!(
-        said.contains("did you mean effects.contact.friction?"),
+        said.contains("did you mean effects.contact.friction or collision.friction?"),
         "{said}"
     );
 }
