@@ -166,6 +166,7 @@ fn folder() -> Scratch {
         "fibres.vtk",
         "skin.obj",
         "ribs.obj",
+        "ball.obj",
     ] {
         std::fs::write(folder.join(name), "").expect("a file");
     }
