@@ -167,8 +167,9 @@ impl Simulation {
             mesh_error: false,
             ..scene
         };
+        // A wrong scene is refused with the numbers of its own mesh.
+        let mut front = Self::with(scene.clone(), assets.clone(), plan)?;
         let finer = FinerMesh::new(&scene, &assets)?;
-        let mut front = Self::with(scene, assets, plan)?;
         front.scene.mesh_error = true;
         front.notes.push(format!(
             "the error of the mesh is that against a second run with triangles a quarter as large: {} vertices",

@@ -42,6 +42,7 @@ use aligned::Aligned;
 pub use error::LatticeError;
 use error::value;
 use kernel::{Carried, Frame, Sloped, Spring};
+pub(crate) use measure::LatticeMotion;
 pub use rest::LatticeRestSettings;
 pub use shape::LatticeShape;
 pub(crate) use stability::{largest_stiffness, stability_limit};

@@ -64,6 +64,13 @@ pub fn output<'a>(
                 .else_do("a stiffer material, a smaller load, or a greater --tolerance"),
         );
     }
+    verdicts.push(
+        Verdict::new(
+            "the equilibrium of these shapes has converged",
+            found.is_at_rest,
+        )
+        .else_do("another frame, a stiffer material, or a smaller load"),
+    );
     let rounds = found.rounds.iter().enumerate();
     let line = rounds.clone().map(|(k, left)| (k as f64, left * 1e3));
     let plot = LinePlot::new("Greatest distance from the scan [mm]", "round")

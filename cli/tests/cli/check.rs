@@ -300,7 +300,7 @@ fn files_of_springs_are_converted_both_ways() {
         assert!((stiffness * length - 1.0).abs() <= 1e-15);
     }
     assert_eq!(file.fibres, [[0, 1], [1, 2]]);
-    // All of a file of springs comes back; of a mesh its springs are lost, and that is told.
+    // All of a file of springs comes back; of a mesh its springs are lost, and a note says so.
     let full = format::SpringFile {
         origin: vec![3, 5],
         insertion: vec![7],
@@ -349,7 +349,7 @@ fn the_hierarchy_of_a_mesh_is_drawn() {
     assert_eq!(code(&done), Some(0), "{}", text(&done.stderr));
     let png = fs::read(out.join("ball-hierarchy.png")).unwrap();
     assert!(png.starts_with(b"\x89PNG"));
-    // Control: a file in the place of the folder is told.
+    // Control: a file in the place of the folder is refused.
     let done = run(&["check", shown(&mesh), "--hierarchy", shown(&mesh)]);
     assert!(code(&done) == Some(2) && text(&done.stderr).contains("cannot be written"));
 }

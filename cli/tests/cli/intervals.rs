@@ -208,7 +208,7 @@ fn a_scan_under_gravity_is_unloaded() {
             && out.join("cube.vtp").is_file()
             && out.join("unload.csv").is_file()
     );
-    // Controls: a load under which a shape cannot stand is red or refused; wrong numbers are told.
+    // Controls: a load under which a shape cannot stand is red or refused; wrong numbers are refused.
     let done = command(&[
         "--set",
         "effects.gravity.acceleration=['0 m/s2', '-1e5 m/s2', '0 m/s2']",

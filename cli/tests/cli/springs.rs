@@ -513,7 +513,7 @@ fn a_sweep_has_the_steps_of_the_thesis_and_its_best_dampings() {
         );
         assert!(number("best_steps") <= number("estimate_steps"));
     }
-    // Control: a step that is too long for the smaller mass is told, and is no number of steps.
+    // Control: a step that is too long for the smaller mass is named, and has no number of steps.
     let unstable = springs(&[
         "--sweep",
         "damping=5",
@@ -536,7 +536,7 @@ fn the_times_of_devices_are_measured() {
     let rows = of["lattices"].as_array().unwrap();
     let on = |device: &'static str| rows.iter().filter(move |row| row["device"] == device);
     assert_eq!(on("cpu").count(), 4);
-    // Where there is no card the rest is told, and nothing is made up.
+    // Where there is no card a note says so, and nothing is made up.
     match of["card"].is_null() {
         true => {
             assert_eq!(on("gpu").count(), 0);

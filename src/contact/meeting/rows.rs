@@ -126,11 +126,13 @@ impl Meeting {
 
     /// Gives impulses to the pairs that were pushed apart in this step of `dt` [s], one after the other and in up to
     /// `rounds` rounds, as `impulse` says from the normal and the corners of a pair: weights of both parts, with
-    /// signs, inverse masses and velocities.
+    /// signs, inverse masses and velocities. Pairs that do not face each other get one only if [`Self::hold`] has moved a
+    /// corner of theirs, by its `changed` vertices of each surface: nothing else then stops them.
     pub fn collide(
         &self,
         bodies: &mut [&mut [Vector3<f64>]],
         (dt, rounds): (f64, usize),
+        changed: &[Vec<u32>],
         impulse: impl Fn(&Vector3<f64>, Corners) -> Option<Vector3<f64>>,
     ) {
         let mut velocity: Vec<Vector3<f64>> = Vec::with_capacity(self.soft_count);
@@ -138,7 +140,11 @@ impl Meeting {
         let facing: Vec<&Row> = self
             .rows
             .iter()
-            .filter(|row| row.is_pushed() && row.is_facing(&self.start))
+            .filter(|row| row.is_pushed())
+            .filter(|row| {
+                let is_held = |v: u32| self.is_among(v, changed);
+                row.corners.iter().any(|v| is_held(*v)) || row.is_facing(&self.start)
+            })
             .collect();
         for _ in 0..rounds {
             let mut is_given = false;
@@ -166,6 +172,15 @@ impl Meeting {
         for (member, v) in self.members.iter().zip(bodies) {
             v.copy_from_slice(&velocity[member.first..member.first + member.count]);
         }
+    }
+
+    /// Whether a vertex is among those of its surface, which are ascending.
+    fn is_among(&self, vertex: u32, of: &[Vec<u32>]) -> bool {
+        let mut each = self.members.iter().zip(of);
+        each.any(|(member, of)| {
+            let local = member.local(vertex);
+            local.is_some_and(|v| of.binary_search(&v).is_ok())
+        })
     }
 
     /// Velocities lose the motion of corrections along the normal, and friction slows sliding; both

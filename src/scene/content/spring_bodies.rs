@@ -80,8 +80,8 @@ pub struct SpringBodiesScene {
     pub restitution: f64,
     /// Coefficient of Coulomb friction.
     pub friction: f64,
-    /// Distance that surfaces keep [m].
-    pub thickness: f64,
+    /// Distance that surfaces keep [m]; `None` for a share of the edges.
+    pub thickness: Option<f64>,
     /// Origin of the scene's text, for errors found in its meshes.
     pub origin: SceneOrigin,
 }
@@ -115,9 +115,8 @@ pub struct SpringBodySpec {
 
 type Read<T> = Result<T, SceneError>;
 
-/// Default damping of each point: force over velocity [N s/m], and distance kept by surfaces [m].
+/// Default damping of each point: force over velocity [N s/m].
 const DAMPING: f64 = 0.0;
-const THICKNESS: f64 = 1e-3;
 
 /// Greatest number of points along a side of a lattice.
 const MOST_A_SIDE: u32 = 100;
@@ -158,9 +157,10 @@ pub(super) fn read(root: &Section<'_>, name: String) -> Result<Content, SceneErr
         friction: collision.map_or(Ok(0.0), |section| {
             section.number_or("friction", Limit::NotNegative, 0.0)
         })?,
-        thickness: collision.map_or(Ok(THICKNESS), |section| {
-            section.quantity_or("thickness", Dimension::Length, Limit::Positive, THICKNESS)
-        })?,
+        thickness: collision
+            .and_then(|section| section.get("thickness"))
+            .map(|item| item.quantity(Dimension::Length, Limit::Positive))
+            .transpose()?,
         origin: SceneOrigin::default(),
     })))
 }

@@ -34,6 +34,8 @@ pub struct Unloaded {
     pub bodies: Vec<(String, TriangleMesh, Vec<f64>)>,
     /// The greatest distance after each round [m].
     pub rounds: Vec<f64>,
+    /// Whether the equilibrium of these shapes has converged.
+    pub is_at_rest: bool,
     /// How far the start of a run moves a vertex of the scan that lies in a bone or in another muscle [m]. The scan
     /// without that overlap is what the equilibrium meets.
     pub parted: f64,
@@ -74,7 +76,10 @@ pub fn unload(
     let as_read = scan;
     let scan = Forward::positions(&forward.start(&as_read)?);
     let parted = max_or_nan(as_read.iter().zip(&scan).map(|(a, b)| (a - b).norm()));
-    let (mut shape, mut best) = (scan.clone(), (f64::INFINITY, scan.clone(), scan.clone()));
+    let (mut shape, mut best) = (
+        scan.clone(),
+        (f64::INFINITY, scan.clone(), Vec::new(), false),
+    );
     let (mut rounds, mut mixing, mut share) = (Vec::new(), Mixing::default(), 1.0);
     for round in 0..ROUNDS {
         let stage = match rounds.last() {
@@ -84,12 +89,16 @@ pub fn unload(
         if progress.report(&stage, round, ROUNDS).is_break() {
             return Err(SensitivityError::Interrupted);
         }
-        let found = forward.equilibrium(&shape, progress)?;
+        let (found, is_at_rest) = forward.equilibrium(&shape, progress)?;
         let left: Vec<Vector3<f64>> = scan.iter().zip(&found).map(|(a, b)| a - b).collect();
         let most = max_or_nan(left.iter().map(Vector3::norm));
         rounds.push(most);
         if most < best.0 {
-            best = (most, shape.clone(), found);
+            best = (most, shape.clone(), found, is_at_rest);
+        }
+        if !best.0.is_finite() {
+            let message = "the equilibrium of the scan has no positions".to_owned();
+            return Err(SensitivityError::Failed(message));
         }
         let earlier = rounds.len().saturating_sub(PATIENCE);
         let before = rounds[..earlier].iter();
@@ -115,7 +124,7 @@ pub fn unload(
             .zip(moves)
             .for_each(|(x, by)| *x += by * share);
     }
-    let (_, shape, found) = best;
+    let (_, shape, found, is_at_rest) = best;
     let mut first = 0;
     let mut bodies = Vec::new();
     for (muscle, asset) in scene.muscles.iter().zip(&assets.muscles) {
@@ -133,6 +142,7 @@ pub fn unload(
         bodies,
         rounds,
         parted,
+        is_at_rest,
     })
 }
 
@@ -165,11 +175,12 @@ impl Forward<'_> {
         each.flatten().collect()
     }
 
+    /// The positions at the equilibrium of a shape, and whether it has converged.
     fn equilibrium(
         &self,
         shape: &[Point3<f64>],
         progress: &dyn Progress,
-    ) -> Result<Vec<Point3<f64>>, SensitivityError> {
+    ) -> Result<(Vec<Point3<f64>>, bool), SensitivityError> {
         let mut run = self.start(shape)?;
         while run.frame() < self.frame {
             step(&mut run, progress)?;
@@ -179,7 +190,10 @@ impl Forward<'_> {
                 "{} has no equilibrium in frame {}: the load is too great for its material",
                 body.name, self.frame
             ))),
-            None => Ok(Self::positions(&run)),
+            None => {
+                let is_at_rest = run.measure().iter().all(|muscle| muscle.converged);
+                Ok((Self::positions(&run), is_at_rest))
+            }
         }
     }
 }

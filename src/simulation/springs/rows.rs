@@ -11,7 +11,7 @@ use crate::simd::Number;
 use crate::simulation::plan::Plan;
 use crate::springs::integrators::{StepError, Verlet};
 use crate::springs::lattice::{
-    Lattice, LatticeError, LatticeSettings, LatticeShape, largest_stiffness,
+    Lattice, LatticeError, LatticeMotion, LatticeSettings, LatticeShape, largest_stiffness,
 };
 use crate::springs::patterns;
 use crate::springs::system::SpringEnergy;
@@ -70,6 +70,21 @@ pub(super) trait Rows: Send {
     }
 }
 
+/// The record of a step of this number and length [s], in which a point moved by up to `moved` [m].
+fn record_of(motion: &LatticeMotion, (step, dt): (usize, f64), moved: f64) -> StepRecord {
+    StepRecord {
+        step,
+        dt,
+        greatest_move: moved,
+        energy: SpringEnergy {
+            kinetic: motion.kinetic,
+            stored: motion.stored,
+            loads: 0.0,
+        },
+        residual: motion.residual,
+    }
+}
+
 impl<F: Number> Rows for Lattice<F> {
     fn shape(&self) -> &LatticeShape {
         Lattice::shape(self)
@@ -103,18 +118,7 @@ impl<F: Number> Rows for Lattice<F> {
     }
 
     fn record(&self, step: usize, moved: f64) -> StepRecord {
-        let motion = self.motion();
-        StepRecord {
-            step,
-            dt: self.time_step(),
-            greatest_move: moved,
-            energy: SpringEnergy {
-                kinetic: motion.kinetic,
-                stored: motion.stored,
-                loads: 0.0,
-            },
-            residual: motion.residual,
-        }
+        record_of(&self.motion(), (step, self.time_step()), moved)
     }
 
     fn held(&self) -> Vec<bool> {

@@ -26,11 +26,11 @@ mod on_card {
     use nalgebra::{Point3, Vector3};
 
     use super::super::super::StepRecord;
+    use super::super::record_of;
     use super::Rows;
     use crate::springs::integrators::StepError;
     pub(super) use crate::springs::lattice::gpu::GpuLattice;
     use crate::springs::lattice::{LatticeSettings, LatticeShape};
-    use crate::springs::system::SpringEnergy;
 
     impl Rows for GpuLattice {
         fn shape(&self) -> &LatticeShape {
@@ -62,18 +62,7 @@ mod on_card {
         }
 
         fn record(&self, step: usize, moved: f64) -> StepRecord {
-            let motion = self.motion();
-            StepRecord {
-                step,
-                dt: self.time_step(),
-                greatest_move: moved,
-                energy: SpringEnergy {
-                    kinetic: motion.kinetic,
-                    stored: motion.stored,
-                    loads: 0.0,
-                },
-                residual: motion.residual,
-            }
+            record_of(&self.motion(), (step, self.time_step()), moved)
         }
 
         fn held(&self) -> Vec<bool> {
