@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn each_level_covers_the_surface_and_is_finer_than_the_one_before() {
-        let mesh = make("sphere").expect("a shape").mesh;
+        let mesh = make("icosphere").expect("a shape").mesh;
         let levels = Hierarchy::new(&mesh).boxes_by_level(100);
         assert!(levels.len() > 4 && levels.iter().all(|boxes| boxes.len() <= 100));
         assert_eq!(levels[0].len(), 1);
