@@ -1,6 +1,6 @@
 //! Areas of origin and insertion of fibres, projected onto the muscle's surface.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use crate::contact::{Obstacle, Surface};
 use crate::mesh::TriangleMesh;
@@ -58,17 +58,24 @@ pub struct Area {
     pub distances: Vec<f64>,
     /// The patch, if it is so far away that tendons connect it.
     pub patch: Option<TriangleMesh>,
+    /// An aponeurosis inside the muscle, if there is one.
+    pub sheet: Option<TriangleMesh>,
 }
 
 impl Area {
-    /// Tree over the triangles, for closest points.
+    /// Tree over the triangles and the sheet inside, for closest points.
     pub fn tree(&self, muscle: &TriangleMesh) -> SurfaceTree {
-        let triangles: Vec<[u32; 3]> = self
+        let mut triangles: Vec<[u32; 3]> = self
             .triangles
             .iter()
             .map(|&t| muscle.triangles[t as usize])
             .collect();
-        SurfaceTree::new(&muscle.vertices, &triangles)
+        let Some(sheet) = &self.sheet else {
+            return SurfaceTree::new(&muscle.vertices, &triangles);
+        };
+        let first = muscle.vertices.len() as u32;
+        triangles.extend(sheet.triangles.iter().map(|t| t.map(|v| v + first)));
+        SurfaceTree::new(&[&muscle.vertices[..], &sheet.vertices].concat(), &triangles)
     }
 }
 
@@ -148,6 +155,9 @@ pub struct Attachment {
     pub origin: Area,
     /// Where they end.
     pub insertion: Area,
+    /// Line of action, a unit vector, where aponeuroses widen the areas; `None` for that of the
+    /// fibres: from the mean of their origins to that of their insertions.
+    pub action: Option<Vector3<f64>>,
 }
 
 impl Attachment {
@@ -175,7 +185,11 @@ impl Attachment {
                 at,
             });
         }
-        Ok(Self { origin, insertion })
+        Ok(Self {
+            origin,
+            insertion,
+            action: None,
+        })
     }
 }
 
@@ -206,7 +220,7 @@ fn project(
     }
 }
 
-fn from_patch(
+pub(super) fn from_patch(
     muscle: &TriangleMesh,
     tree: &SurfaceTree,
     end: MuscleEnd,
@@ -282,7 +296,7 @@ pub(super) fn over_triangle(corners: &[Point3<f64>; 3], spacing: f64) -> Vec<Poi
     all
 }
 
-fn of_triangles(muscle: &TriangleMesh, mut triangles: Vec<u32>) -> Area {
+pub(super) fn of_triangles(muscle: &TriangleMesh, mut triangles: Vec<u32>) -> Area {
     triangles.sort_unstable();
     triangles.dedup();
     let mut vertices: Vec<u32> = triangles
@@ -296,6 +310,7 @@ fn of_triangles(muscle: &TriangleMesh, mut triangles: Vec<u32>) -> Area {
         triangles,
         vertices,
         patch: None,
+        sheet: None,
     }
 }
 

@@ -1,7 +1,10 @@
 //! Measures of each single fibre.
 
-use super::polyline::length;
+use super::polyline::{length, resample};
 use nalgebra::{Point3, Vector3};
+
+/// Cosine of the angle between two directions of a fibre that turns back: 120 degrees.
+const BACK: f64 = -0.5;
 
 /// A straight tendon, from the end of a fibre to a patch.
 pub type Tendon = [Point3<f64>; 2];
@@ -37,12 +40,41 @@ pub fn turned(fibre: &[Point3<f64>], action: &Vector3<f64>) -> f64 {
     fibre.windows(2).map(|s| angle(s[1] - s[0])).sum()
 }
 
-/// Measures each fibre. `tendons` holds one tendon per fibre or none.
+/// Angles between the last 0.5 % of a line, at either end, and its direction from 6 to 10 % before
+/// that end [rad]: a hook where a fibre meets its area. `None` for a line without length.
+pub fn end_tilts(line: &[Point3<f64>]) -> Option<[f64; 2]> {
+    // As many points as make the smallest share two of their distances.
+    let points = resample(line, 401);
+    let between = |a: usize, b: usize| points.get(b).zip(points.get(a)).map(|(b, a)| b - a);
+    let angle = |a: Vector3<f64>, b: Vector3<f64>| libm::atan2(a.cross(&b).norm(), a.dot(&b));
+    let tilts = [
+        angle(between(0, 2)?, between(24, 40)?),
+        angle(between(398, 400)?, between(360, 376)?),
+    ];
+    (length(line) > 0.0).then_some(tilts)
+}
+
+/// True if a fibre turns back: two of its directions, over twentieths of its length without the
+/// first and the last, are more than 120 degrees apart.
+pub fn turns_back(line: &[Point3<f64>]) -> bool {
+    let points = resample(line, 21);
+    let steps: Vec<Vector3<f64>> = points.windows(2).map(|s| s[1] - s[0]).collect();
+    let inner = steps.get(1..steps.len().saturating_sub(1)).unwrap_or_default();
+    inner.iter().enumerate().any(|(k, a)| {
+        inner[k + 1..]
+            .iter()
+            .any(|b| a.dot(b) < BACK * a.norm() * b.norm())
+    })
+}
+
+/// Measures each fibre. `tendons` holds one tendon per fibre or none; `along` is the line of action,
+/// or `None` for that of the fibres.
 pub fn measure_fibres(
     fibres: &[Vec<Point3<f64>>],
     tendons: &[Vec<Tendon>; 2],
+    along: Option<Vector3<f64>>,
 ) -> Vec<FibreMeasures> {
-    let action = action(fibres);
+    let action = along.unwrap_or_else(|| action(fibres));
     let tendon = |end: usize, k: usize| tendons[end].get(k).map_or(0.0, |[a, b]| (b - a).norm());
     let one = |(k, fibre): (usize, &Vec<Point3<f64>>)| {
         let length_m = length(fibre);
@@ -78,7 +110,7 @@ mod tests {
             vec![[p(0.0, 0.0), p(-0.5, 0.0)], [p(0.0, 3.0), p(-3.0, 7.0)]],
             Vec::new(),
         ];
-        let found = measure_fibres(&fibres, &tendons);
+        let found = measure_fibres(&fibres, &tendons, None);
         let quarter = std::f64::consts::FRAC_PI_4;
         let expected = [[4.0, 2.0, quarter, 0.5, 0.0], [2.0, 2.0, 0.0, 5.0, 0.0]];
         for (e, expected) in found.iter().zip(expected) {

@@ -398,16 +398,19 @@ fn through(
     Ok([back?, on?])
 }
 
-/// A streamline from origin to insertion as `points` points at equal distances.
-fn whole([back, on]: &[HalfStreamline; 2], points: usize) -> Vec<Point3<f64>> {
-    let whole: Vec<Point3<f64>> = back
-        .points
+/// All points of a streamline, from origin to insertion.
+pub(super) fn course([back, on]: &[HalfStreamline; 2]) -> Vec<Point3<f64>> {
+    back.points
         .iter()
         .rev()
         .chain(&on.points[1..])
         .copied()
-        .collect();
-    resample(&whole, points)
+        .collect()
+}
+
+/// A streamline from origin to insertion as `points` points at equal distances.
+fn whole(streamline: &[HalfStreamline; 2], points: usize) -> Vec<Point3<f64>> {
+    resample(&course(streamline), points)
 }
 
 /// The streamline as a fibre: all its points are inside.

@@ -148,6 +148,15 @@ impl Fibres {
         }
     }
 
+    /// The lines as the source has them, with all its points: streamlines before they become fibres
+    /// of few points, or the lines of the grid.
+    pub fn courses(&self) -> Vec<Vec<Point3<f64>>> {
+        match &self.source {
+            FibreSource::Flow(flow) => flow.streamlines.iter().map(harmonic::course).collect(),
+            FibreSource::Grid(_) => self.lines.clone(),
+        }
+    }
+
     /// Jacobian of the fibre map. For a flow: at every point of every streamline, 1 at the seed.
     /// For a grid: the scaled Jacobian at every corner of every cell.
     pub fn jacobian(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<f64> {

@@ -2,6 +2,7 @@
 //! them.
 
 pub(crate) mod anisotropy;
+mod aponeurosis;
 pub(crate) mod attachment;
 pub(crate) mod binding;
 pub(crate) mod carry;
@@ -19,7 +20,9 @@ pub(crate) mod template;
 
 pub use attachment::{Area, AreaSource, Attachment, AttachmentError};
 pub use binding::BoundLines;
-pub use fibre_measures::{FibreMeasures, Tendon, action, measure_fibres};
+pub use fibre_measures::{
+    FibreMeasures, Tendon, action, end_tilts, measure_fibres, turns_back,
+};
 pub use method::{FibreMethod, Fibres, MethodError, decompose_by};
 pub use polyline::length;
 pub use slices::SlicesError;

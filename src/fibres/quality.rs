@@ -40,7 +40,8 @@ pub struct Quality {
     pub coverage: f64,
     /// Mean length of the fibres, without tendons [m].
     pub length_mean_m: f64,
-    /// Mean angle between fibres and line of action, from the mean of all origins to that of all insertions [rad];
+    /// Mean angle between fibres and line of action [rad]: from the mean of all origins to that of
+    /// all insertions, or with aponeuroses from the middle of one area to that of the other;
     /// serialised in degrees.
     #[cfg_attr(
         feature = "serde",
@@ -96,7 +97,7 @@ pub fn measure(
         spacing_min_m: spacing_min(fibres),
         coverage: coverage(closed, fibres),
         length_mean_m: total / fibres.len() as f64,
-        pennation_mean_rad: pennation(fibres),
+        pennation_mean_rad: pennation(fibres, attachment.action),
     }
 }
 
@@ -202,8 +203,8 @@ fn spacing_min(fibres: &[Vec<Point3<f64>>]) -> f64 {
     )
 }
 
-fn pennation(fibres: &[Vec<Point3<f64>>]) -> f64 {
-    let action = action(fibres);
+fn pennation(fibres: &[Vec<Point3<f64>>], along: Option<Vector3<f64>>) -> f64 {
+    let action = along.unwrap_or_else(|| action(fibres));
     let angles: f64 = fibres.iter().map(|f| turned(f, &action)).sum();
     angles / fibres.iter().map(|f| length(f)).sum::<f64>()
 }

@@ -1,7 +1,7 @@
-//! Smoothing of fibres: points move towards the midpoint of their neighbours; ends stay, and no
-//! point leaves the muscle.
+//! Smoothing of fibres that does not shrink them: bends of few points are evened out, and bends of
+//! the whole fibre stay; ends stay, and no point leaves the muscle.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::solid::Solid;
@@ -11,8 +11,7 @@ use super::solid::Solid;
 pub struct Smoothing {
     /// Number of passes over all points.
     pub steps: u32,
-    /// Share of the distance to the midpoint of both neighbours that a point moves in a pass, 0 to
-    /// 1.
+    /// Share of the sharpest zigzag that a pass removes, 0 to 1.
     pub factor: f64,
 }
 
@@ -25,9 +24,12 @@ impl Default for Smoothing {
     }
 }
 
-/// Moves all points but the ends. Each pass uses the positions before the pass: x_i += factor
-/// ((x_{i-1} + x_{i+1})/2 - x_i). A point does not move if the move leaves the muscle. The factor
-/// is clamped to 0..1.
+/// Moves all points but the ends. Each pass uses the positions before the pass: x_i -= factor/4
+/// (d_i - (d_{i-1} + d_{i+1})/2), with d_i = x_i - (x_{i-1} + x_{i+1})/2, and 0 at the ends. A bend
+/// of wave length n points loses the share factor/4 (1 - cos 2 pi/n)^2 in a pass: of 15 points, a
+/// zigzag loses all with factor 1, and the bend of the whole fibre a six-thousandth. With
+/// d alone in place of its difference the fibre shrinks: a fortieth of that bend goes in a pass.
+/// A point does not move if the move leaves the muscle. The factor is clamped to 0..1.
 pub fn smooth(fibres: &mut [Vec<Point3<f64>>], smoothing: Smoothing, solid: &Solid<'_>) {
     let factor = if smoothing.factor >= 0.0 {
         smoothing.factor.min(1.0)
@@ -35,11 +37,14 @@ pub fn smooth(fibres: &mut [Vec<Point3<f64>>], smoothing: Smoothing, solid: &Sol
         0.0
     };
     fibres.par_iter_mut().for_each(|line| {
-        let mut before = line.clone();
+        // How far each point lies from the middle of its neighbours.
+        let mut off = vec![Vector3::zeros(); line.len()];
         for _ in 0..smoothing.steps {
-            before.copy_from_slice(line);
-            for (i, three) in before.windows(3).enumerate() {
-                let moved = three[1] + (nalgebra::center(&three[0], &three[2]) - three[1]) * factor;
+            for (i, three) in line.windows(3).enumerate() {
+                off[i + 1] = three[1] - nalgebra::center(&three[0], &three[2]);
+            }
+            for (i, off) in off.windows(3).enumerate() {
+                let moved = line[i + 1] - (off[1] - (off[0] + off[2]) * 0.5) * (0.25 * factor);
                 // A point that a wall has positioned stays on that wall.
                 if solid.contains_as_given(&moved) {
                     line[i + 1] = moved;
@@ -69,10 +74,11 @@ mod tests {
             },
             &closed.solid(),
         );
+        // The points lie (0.05, 0.7) and (0, -0.75) from the middles of their neighbours.
         let expected = [
             p(-0.8, 0.1),
-            p(-0.2125, 0.325),
-            p(0.3, -0.3125),
+            p(-0.2 - 0.0625 * 0.05, 0.5 - 0.0625 * (0.7 + 0.375)),
+            p(0.3 + 0.0625 * 0.025, -0.5 + 0.0625 * (0.75 + 0.35)),
             p(0.8, 0.0),
         ];
         for (found, expected) in fibres[0].iter().zip(&expected) {
@@ -96,7 +102,7 @@ mod tests {
         smooth(
             &mut fibres,
             Smoothing {
-                steps: 500,
+                steps: 5_000,
                 factor: 0.5,
             },
             &closed.solid(),
@@ -131,6 +137,21 @@ mod tests {
         );
         assert!(fibres[0].iter().all(|p| solid.contains_as_given(p)));
         assert!(length(&fibres[0]) < length(&line));
+        // What twenty passes do to the bend of the whole fibre, and to a zigzag on it.
+        let mut few = vec![line.clone()];
+        few[0].iter_mut().skip(1).step_by(2).take(8).for_each(|p| p.y += 0.001);
+        let twenty = Smoothing {
+            steps: 20,
+            factor: 0.5,
+        };
+        smooth(&mut few, twenty, &solid);
+        let middle = |line: &[Point3<f64>]| line[9].y - 0.5 * (line[0].y + line[18].y);
+        assert!((middle(&few[0]) / middle(&line) - 1.0).abs() <= 0.02);
+        let rough = |line: &[Point3<f64>]| {
+            let third = |w: &[Point3<f64>]| (w[3].y - 3.0 * w[2].y + 3.0 * w[1].y - w[0].y).abs();
+            crate::mesh::measures::max_or_nan(line.windows(4).map(third))
+        };
+        assert!(rough(&few[0]) <= 0.1 * 0.008, "{}", rough(&few[0]));
         // Control: nothing but the wall keeps the points from the chord, which runs outside.
         let chord = nalgebra::center(&line[0], &line[18]);
         assert!(!solid.contains_as_given(&chord));

@@ -321,6 +321,14 @@ pub fn median(mut lengths: Vec<f64>) -> Option<f64> {
     Some(lower.map_or(upper, |lower| 0.5 * (lower + upper)))
 }
 
+/// The number that a share (0 to 1) of all numbers does not exceed; `None` for no numbers. NaN is
+/// the greatest.
+pub fn quantile(mut all: Vec<f64>, share: f64) -> Option<f64> {
+    let last = all.len().checked_sub(1)?;
+    let at = (share * last as f64).round() as usize;
+    Some(*all.select_nth_unstable_by(at.min(last), f64::total_cmp).1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

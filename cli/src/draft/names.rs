@@ -214,6 +214,47 @@ pub fn insertion(muscle: &str, joint: &str) -> Option<&'static str> {
     INSERTIONS.iter().find(of).map(|row| row.2)
 }
 
+/// Architecture of muscles, as `architecture::NAMED` names it, with beginnings of words of their
+/// names. The first row that fits holds.
+const ARCHITECTURE: [(&[&str], &str); 26] = [
+    (&["rectus", "femor"], "bipennate"),
+    (&["soleus"], "multipennate"),
+    (&["deltoid"], "multipennate"),
+    (&["subscap"], "multipennate"),
+    (&["infraspin"], "multipennate"),
+    (&["vastus"], "pennate"),
+    (&["semimemb"], "pennate"),
+    (&["biceps", "femor"], "pennate"),
+    (&["gastroc"], "pennate"),
+    (&["tibialis"], "pennate"),
+    (&["peroneus"], "pennate"),
+    (&["fibularis"], "pennate"),
+    (&["extensor"], "pennate"),
+    (&["flexor"], "pennate"),
+    (&["glut"], "parallel"),
+    (&["iliacus"], "parallel"),
+    (&["psoas"], "parallel"),
+    (&["gracilis"], "parallel"),
+    (&["sartorius"], "parallel"),
+    (&["semitend"], "parallel"),
+    (&["adductor"], "parallel"),
+    (&["pectine"], "parallel"),
+    (&["tensor", "fasc"], "parallel"),
+    (&["biceps"], "parallel"),
+    (&["brachialis"], "parallel"),
+    (&["brachiorad"], "parallel"),
+];
+
+/// Name of the architecture of a muscle that textbooks of anatomy give, by its name.
+pub fn architecture(muscle: &str) -> Option<&'static str> {
+    let words = words(muscle);
+    let has = |begin: &&str| words.iter().any(|word| word.starts_with(begin));
+    let row = ARCHITECTURE
+        .iter()
+        .find(|(begins, _)| begins.iter().all(has));
+    row.map(|(_, name)| *name)
+}
+
 /// The words of a name, in small letters: it is divided at all but letters, and before a capital letter
 /// after a small one.
 fn words(name: &str) -> Vec<String> {

@@ -22,6 +22,8 @@ use pliant_render::PictureError;
 pub const AT_AREA: f64 = 1e-5;
 /// Least share of the volume within one mean spacing of a fibre.
 pub const COVERED: f64 = 0.95;
+/// Greatest relative difference from a table's optimal length that is no finding.
+const OPTIMAL: f64 = 0.35;
 /// Number of rows of the table of fibres in the report; fibres.csv has all.
 const ROWS: usize = 100;
 
@@ -45,6 +47,17 @@ pub struct Summary {
     pub method: String,
     /// Name of the template, if any.
     pub template: Option<String>,
+    /// The aponeuroses, as given.
+    pub aponeurosis: Option<String>,
+    /// Median angle between the last 0.5 % of a fibre and its direction 6 to 10 % before its end,
+    /// over both ends of all fibres [degrees].
+    pub tilt_at_ends_deg_median: f64,
+    /// Number of fibres that turn back.
+    pub turns_back: usize,
+    /// Median length of the fibres [m].
+    pub length_median_m: f64,
+    /// That over the optimal length of a table, if one is given.
+    pub optimal_length_ratio: Option<f64>,
     /// Quality measures.
     #[serde(flatten)]
     pub quality: Quality,
@@ -103,6 +116,10 @@ pub struct Bundle<'a> {
     pub time_s: f64,
 }
 
+/// Greatest mean pennation [degrees]: dissections find at most half of it in human muscles.
+const PENNATION: f64 = 60.0;
+/// Greatest median turn of fibres at their ends [degrees].
+const HOOK: f64 = 30.0;
 /// Greatest length of a fibre, relative to the distance of its ends: half a circle has 1.57.
 const WINDING: f64 = 2.0;
 
@@ -123,6 +140,19 @@ impl<'a> Bundle<'a> {
         let name = "length of a fibre, relative to the distance of its ends";
         let cure = "look for fibres that turn back, and for areas on the wrong end";
         all.push(Verdict::at_most(name, max_or_nan(ratio), WINDING).else_do(cure));
+        if self.summary.template.as_deref() != Some("curved") {
+            let name = "fibres that turn back by more than 120 degrees";
+            let cure = "look for an area on the wrong bone, or for one that lies beside the other";
+            all.push(Verdict::none(name, self.summary.turns_back).else_do(cure));
+            let name = "mean angle between fibres and line of action";
+            let pennation = q.pennation_mean_rad.to_degrees();
+            let cure = "look for areas on the sides of the muscle in place of its ends";
+            let verdict = Verdict::at_most(name, pennation, PENNATION);
+            all.push(verdict.in_unit("degrees").else_do(cure));
+            let name = "hooks at the ends of fibres: median turn of the last 0.5 %";
+            let verdict = Verdict::at_most(name, self.summary.tilt_at_ends_deg_median, HOOK);
+            all.push(verdict.in_unit("degrees"));
+        }
         if !q.jacobian_min.is_nan() {
             let name = "fibres side by side stay so: least Jacobian of their map, above 0";
             let verdict = Verdict::new(name, q.jacobian_min > 0.0);
@@ -135,6 +165,13 @@ impl<'a> Bundle<'a> {
     pub fn findings(&self) -> Vec<String> {
         let q = &self.summary.quality;
         let mut all = Vec::new();
+        let ratio = self.summary.optimal_length_ratio;
+        if let Some(ratio) = ratio.filter(|ratio| !((ratio - 1.0).abs() <= OPTIMAL)) {
+            all.push(format!(
+                "fibres are {ratio:.2} times as long as the table's optimal length: is the muscle pennate, with aponeuroses that \
+                 are not given?"
+            ));
+        }
         if !(q.coverage >= COVERED) {
             let bare = 100.0 * (1.0 - q.coverage);
             all.push(format!(
@@ -178,6 +215,16 @@ impl<'a> Bundle<'a> {
             "shortest to longest".to_owned(),
             format!("{} to {}", mm(s.length_min_m), mm(s.length_max_m)),
         ]);
+        table.row(["median fibre length".to_owned(), mm(s.length_median_m)]);
+        if let Some(ratio) = s.optimal_length_ratio {
+            table.row([
+                "that over the table's optimal length".to_owned(),
+                number(ratio),
+            ]);
+        }
+        let turn = format!("{} degrees", number(s.tilt_at_ends_deg_median));
+        table.row(["median turn in the last 0.5 % of a fibre".to_owned(), turn]);
+        table.row(["fibres that turn back".to_owned(), s.turns_back.to_string()]);
         let degrees = number(q.pennation_mean_rad.to_degrees());
         table.row([
             "mean pennation (angle to the line of action)".to_owned(),
@@ -300,8 +347,8 @@ impl<'a> Bundle<'a> {
 
     fn explanations(&self) -> Vec<String> {
         let mut notes = vec![
-            "Pennation is the mean angle along a fibre to the line of action, from the mean of all origins to that of all \
-             insertions. The mean spacing of fibres is the root of the volume over the length of all of them."
+            "Pennation is the mean angle along a fibre to the line of action: from the mean of all origins to that of all \
+             insertions, or with aponeuroses from the middle of one area to that of the other. The mean spacing of fibres is the root of the volume over the length of all of them."
                 .to_owned(),
             "The Jacobian is the area, further along a fibre, of a unit of area across its middle: above 0 no two \
              fibres side by side change places. It is that of the flow, before smoothing."

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::output::Verdict;
 use pliant::contact::{Obstacle, Surface};
-use pliant::mesh::measures::max_or_nan;
+use pliant::mesh::measures::{max_or_nan, quantile};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::scene::Limits;
 use pliant::simulation::{Body, Simulation};
@@ -406,13 +406,6 @@ fn thickness(body: &Body, x: &[Point3<f64>], surface: &Surface) -> Option<f64> {
         Some((place(surface, triangle, weights) - x[v]).norm())
     });
     quantile(ways.collect(), THIN)
-}
-
-/// The number that a share of all numbers does not exceed.
-fn quantile(mut all: Vec<f64>, share: f64) -> Option<f64> {
-    let last = all.len().checked_sub(1)?;
-    all.sort_unstable_by(f64::total_cmp);
-    Some(all[(share * last as f64).round() as usize])
 }
 
 /// The angle between the normals of the two triangles of a hinge [deg]. Its edge is `[p1, p2]`.

@@ -25,7 +25,12 @@ use pliant_render::{
 const SIZE: (u32, u32) = (520, 480);
 /// A whole body that fits has at least this share of its vertices on the other.
 const FITS: f64 = 0.9;
+/// A vertex of B farther from A than this share of B's size is bare.
+const BARE: f64 = 0.01;
 const MOVING: Rgb = [0.25, 0.45, 0.75];
+
+/// Positions and triangles of a surface.
+type Triangles<'a> = (&'a [Point3<f64>], &'a [[u32; 3]]);
 
 /// A registration with its results.
 pub struct Registration<'a> {
@@ -59,6 +64,23 @@ pub struct Distances {
     rms: f64,
     median: f64,
     max: f64,
+}
+
+/// Distances of all vertices of one surface from the other.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct FromAll {
+    median: f64,
+    p95: f64,
+    max: f64,
+}
+
+impl FromAll {
+    fn of(distances: &[f64]) -> Self {
+        let RegistrationResidual {
+            median, p95, max, ..
+        } = RegistrationResidual::of(distances.iter().copied());
+        Self { median, p95, max }
+    }
 }
 
 /// Measures of the deformation of A.
@@ -108,6 +130,9 @@ pub struct Summary {
     inlier_share: f64,
     residual: Distances,
     distance: Distances,
+    distance_a_to_b_m: FromAll,
+    distance_b_to_a_m: FromAll,
+    bare_share: f64,
     non_rigid: Option<Bending>,
     times: Seconds,
     #[serde(skip)]
@@ -126,7 +151,8 @@ impl Summary {
         });
         format!(
             "{} onto {}\nturned by {:.2} degrees, scaled by {}, in {} rounds\n{bent}{:.1} % of the vertices lie on B: distance rms {}, \
-             median {}, greatest {} (B is {} long)\n",
+             median {}, greatest {} (B is {} long)\n\
+             from B to A: median {}, 95 % below {}, greatest {}\n",
             self.a,
             self.b,
             self.turned_deg,
@@ -136,7 +162,10 @@ impl Summary {
             number(self.residual.rms),
             number(self.residual.median),
             number(self.residual.max),
-            number(self.size)
+            number(self.size),
+            number(self.distance_b_to_a_m.median),
+            number(self.distance_b_to_a_m.p95),
+            number(self.distance_b_to_a_m.max)
         )
     }
 }
@@ -147,8 +176,10 @@ impl Registration<'_> {
         [
             "moved.vtp",
             "moved.obj",
+            "fixed.vtp",
             "before.png",
             "after.png",
+            "bare.png",
             "summary.json",
             "report.html",
         ]
@@ -219,6 +250,9 @@ impl Registration<'_> {
             distance: distances(RegistrationResidual::of(
                 registration.distances.iter().copied(),
             )),
+            distance_a_to_b_m: FromAll::of(&registration.distances),
+            distance_b_to_a_m: FromAll::of(&registration.distances_back),
+            bare_share: self.bare(),
             non_rigid: bent,
             times: Seconds {
                 read_s: self.read_s,
@@ -234,6 +268,13 @@ impl Registration<'_> {
         }
     }
 
+    /// Share of the vertices of B that are farther from A than [`BARE`] of B's size.
+    fn bare(&self) -> f64 {
+        let all = &self.registration.distances_back;
+        let near = BARE * self.meshes[1].length();
+        all.iter().filter(|d| !(**d <= near)).count() as f64 / all.len().max(1) as f64
+    }
+
     /// What a reader is to judge: an overlap is what the user says, so little of it is no failed check.
     fn findings(&self) -> Vec<String> {
         let off = 1.0 - self.registration.share();
@@ -242,9 +283,17 @@ impl Registration<'_> {
              the other side of the body, or another bone; after.png shows where",
             100.0 * off
         );
-        (!(off <= 1.0 - FITS))
-            .then_some(found)
+        let bare = self.bare();
+        let open = format!(
+            "{:.0} % of the vertices of B are farther from A than a hundredth of B's size, up to {}: A leaves them bare; bare.png shows \
+             where",
+            100.0 * bare,
+            number(max_or_nan(self.registration.distances_back.iter().copied()))
+        );
+        [(off, found), (bare, open)]
             .into_iter()
+            .filter(|(share, _)| !(*share <= 1.0 - FITS))
+            .map(|(_, text)| text)
             .collect()
     }
 
@@ -276,6 +325,7 @@ impl Registration<'_> {
             pictures: vec![
                 picture("before", self.before())?,
                 picture("after", self.after())?,
+                picture("bare", self.bare_parts())?,
             ],
             explanations: vec![format!(
                 "Lengths are in {}. A vertex lies on B if it is nearer than a hundredth of B's size, faces the same direction, and its nearest \
@@ -288,6 +338,7 @@ impl Registration<'_> {
             )],
             files: vec![
                 OutputFile::new("moved.vtp", |path| self.write_moved(path)),
+                OutputFile::new("fixed.vtp", |path| self.write_fixed(path)),
                 OutputFile::new("moved.obj", |path| {
                     let moved = TriangleMesh {
                         vertices: self.registration.points.clone(),
@@ -339,6 +390,19 @@ impl Registration<'_> {
         vtp::write(path, &data)
     }
 
+    /// B with its distances from A.
+    fn write_fixed(&self, path: &Path) -> io::Result<()> {
+        let fixed = self.meshes[1];
+        let distances = self.registration.distances_back.clone();
+        let data = PolyData {
+            points: &fixed.vertices,
+            triangles: &fixed.triangles,
+            lines: &[],
+            point_data: vec![("distance", distances)],
+        };
+        vtp::write(path, &data)
+    }
+
     fn camera(&self, points: &[&[Point3<f64>]], canvas: Canvas) -> Camera {
         let frame: Matrix3<f64> = axes(self.meshes[1]);
         let [long, across] = [0, 2].map(|k| frame.column(k).into_owned());
@@ -373,30 +437,44 @@ impl Registration<'_> {
             .zip(&registration.inliers)
             .filter(|(_, on)| **on)
             .map(|(d, _)| *d);
-        let range = (0.0, max_or_nan(on));
-        let legend = Legend::new(
-            "Distance",
-            self.unit.unwrap_or(""),
-            range,
-            ColourMap::Viridis,
-        );
+        let shown = (&registration.points[..], &a.triangles[..]);
+        let around = (&b.vertices[..], &b.triangles[..]);
+        let title = "after: A by its distance from B";
+        self.by_distance(shown, &registration.distances, max_or_nan(on), around, title)
+    }
+
+    /// B coloured by its distance from A, and A around it.
+    fn bare_parts(&self) -> Frame {
+        let ([a, b], registration) = (self.meshes, self.registration);
+        let shown = (&b.vertices[..], &b.triangles[..]);
+        let around = (&registration.points[..], &a.triangles[..]);
+        let distances = &registration.distances_back;
+        let most = max_or_nan(distances.iter().copied());
+        self.by_distance(shown, distances, most, around, "after: B by its distance from A")
+    }
+
+    fn by_distance(
+        &self,
+        shown: Triangles<'_>,
+        distances: &[f64],
+        most: f64,
+        around: Triangles<'_>,
+        title: &str,
+    ) -> Frame {
+        let range = (0.0, most);
+        let unit = self.unit.unwrap_or("");
+        let legend = Legend::new("Distance", unit, range, ColourMap::Viridis);
         let room = legend.width();
         let canvas = Canvas::new(SIZE.0 + room as u32, SIZE.1)
             .with_right(room)
             .with_top(26.0);
-        let bounds = Aabb::of_points(&b.vertices);
-        let camera = self.camera(&[&registration.points, &bounds.corners()], canvas);
-        let moving = Surface::field(
-            &registration.points,
-            &a.triangles,
-            &registration.distances,
-            range,
-            ColourMap::Viridis,
-        );
-        let fixed = Surface::plain(&b.vertices, &b.triangles, colour::BONE).with_opacity(0.15);
-        let mut frame = render(&Drawing::of([moving, fixed]), &camera);
+        let bounds = Aabb::of_points(&self.meshes[1].vertices);
+        let camera = self.camera(&[&self.registration.points, &bounds.corners()], canvas);
+        let field = Surface::field(shown.0, shown.1, distances, range, ColourMap::Viridis);
+        let other = Surface::plain(around.0, around.1, colour::BONE).with_opacity(0.15);
+        let mut frame = render(&Drawing::of([field, other]), &camera);
         legend.draw(&mut frame);
-        frame.title("after: A by its distance from B", TextStyle::Small);
+        frame.title(title, TextStyle::Small);
         frame
     }
 
@@ -436,6 +514,19 @@ impl Registration<'_> {
                 number(d.max),
             ]);
         }
-        vec![found, distances, matrix]
+        let columns = ["from all vertices of", "median", "95 % below", "greatest"];
+        let mut both = Table::new("Distances in both directions", columns);
+        for (what, d) in [
+            ("A to B", summary.distance_a_to_b_m),
+            ("B to A", summary.distance_b_to_a_m),
+        ] {
+            both.row([
+                what.to_owned(),
+                number(d.median),
+                number(d.p95),
+                number(d.max),
+            ]);
+        }
+        vec![found, distances, both, matrix]
     }
 }

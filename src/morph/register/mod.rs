@@ -200,7 +200,11 @@ impl<'a> RegistrationSurface<'a> {
 
     /// True if a point of a triangle lies on a boundary edge: a match there is beyond the boundary.
     fn is_on_rim(&self, triangle: u32, at: &Point3<f64>) -> bool {
-        let corners = self.mesh.corners(triangle as usize);
+        self.is_on_moved_rim(triangle, &self.mesh.corners(triangle as usize), at)
+    }
+
+    /// The same with the triangle's corners where they are now.
+    fn is_on_moved_rim(&self, triangle: u32, corners: &[Point3<f64>; 3], at: &Point3<f64>) -> bool {
         (0..3).any(|k| {
             let (a, b) = (corners[k], corners[(k + 1) % 3]);
             let along = b - a;

@@ -4,7 +4,8 @@
 //! The scheme follows \[huang2008\]. Representatives are spread evenly over the surface. Each leads
 //! a cluster with one rotation and translation about the representative. A vertex follows the
 //! clusters near it along the surface, with smooth compact weights. The nearest point of the other
-//! surface attracts a vertex to its tangent plane, and weakly to itself. Neighbouring clusters
+//! surface attracts a vertex to its tangent plane, and weakly to itself; each vertex of the other
+//! surface attracts what is nearest to it in the same manner. Neighbouring clusters
 //! should agree on the motion of each other's representative. This agreement is stiff at first, so
 //! that the whole surface turns before parts bend, and decreases gradually. The method is the
 //! embedded deformation of \[sumner2007\] with rotations instead of affine maps.
@@ -14,6 +15,7 @@ mod clusters;
 use nalgebra::{Point3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::{RegisterError, RegistrationSurface};
+use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::{max_or_nan, median};
 use crate::progress::Progress;
 use crate::solvers::sparse::Factor;
@@ -175,6 +177,7 @@ impl NonRigid {
 
 /// State of the deformation, in units of the size of the other surface.
 struct Bending<'a> {
+    moving: &'a RegistrationSurface<'a>,
     fixed: &'a RegistrationSurface<'a>,
     clusters: &'a Clusters,
     triangles: &'a [[u32; 3]],
@@ -213,6 +216,7 @@ impl<'a> Bending<'a> {
             .map(|n| *n == Vector3::zeros())
             .collect();
         Ok(Self {
+            moving,
             fixed,
             clusters,
             triangles: &moving.mesh().triangles,
@@ -250,15 +254,31 @@ impl<'a> Bending<'a> {
         self.now = now;
     }
 
-    /// Targets of the vertices: the nearest point with a similar normal, unless it is on a boundary
-    /// or far away.
+    /// Targets of both surfaces: each vertex of the moving one is drawn to the nearest point of the
+    /// other, and each vertex of the other draws what is nearest to it. With the first alone, the
+    /// moving surface leaves parts of the other bare: no vertex is nearest to them.
     fn drawn(&self, reject: f64, reach: f64) -> Vec<Drawn> {
-        let normals = crate::mesh::TriangleMesh {
+        let now = crate::mesh::TriangleMesh {
             vertices: self.now.clone(),
             triangles: self.triangles.to_vec(),
         };
-        let normals = normals.vertex_normals();
-        let mut all: Vec<(f64, Drawn)> = Vec::new();
+        let near = |all: Vec<(f64, Drawn)>| {
+            let limit = reject * median(all.iter().map(|(d, _)| *d).collect()).unwrap_or(0.0);
+            let limit = limit.max(reach * self.size);
+            all.into_iter()
+                .filter(move |(d, _)| *d <= limit)
+                .map(|(_, drawn)| drawn)
+        };
+        near(self.to_fixed(&now))
+            .chain(near(self.from_fixed(&now)))
+            .collect()
+    }
+
+    /// Targets of the moving vertices, with their distances: the nearest point with a similar
+    /// normal, unless it is on a boundary.
+    fn to_fixed(&self, now: &crate::mesh::TriangleMesh) -> Vec<(f64, Drawn)> {
+        let normals = now.vertex_normals();
+        let mut all = Vec::new();
         for (vertex, (p, normal)) in self.now.iter().zip(&normals).enumerate() {
             if self.outliers[vertex] {
                 continue;
@@ -284,12 +304,40 @@ impl<'a> Bending<'a> {
                 },
             ));
         }
-        let limit = reject * median(all.iter().map(|(d, _)| *d).collect()).unwrap_or(0.0);
-        let limit = limit.max(reach * self.size);
-        all.into_iter()
-            .filter(|(d, _)| *d <= limit)
-            .map(|(_, drawn)| drawn)
-            .collect()
+        all
+    }
+
+    /// Targets that the vertices of the other surface give: the vertex next to the nearest point
+    /// of the moving surface is to move as that point would have to.
+    fn from_fixed(&self, now: &crate::mesh::TriangleMesh) -> Vec<(f64, Drawn)> {
+        let tree = SurfaceTree::new(&now.vertices, &now.triangles);
+        let mut all = Vec::new();
+        for (p, normal) in self.fixed.points().iter().zip(self.fixed.normals()) {
+            let p = Point3::from(p.coords / self.size);
+            // An outlier has no normal, and draws nothing.
+            let Some(near) = tree.closest_facing(&p, normal, FACING, f64::INFINITY) else {
+                continue;
+            };
+            let corners = self.triangles[near.triangle as usize];
+            let at = now.corners(near.triangle as usize);
+            if self.moving.is_on_moved_rim(near.triangle, &at, &near.point) {
+                continue;
+            }
+            let away = |v: &u32| (self.now[*v as usize] - near.point).norm();
+            let vertex = corners.into_iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+            let Some(vertex) = vertex.filter(|v| !self.outliers[*v as usize]) else {
+                continue;
+            };
+            all.push((
+                near.distance * self.size,
+                Drawn {
+                    vertex: vertex as usize,
+                    to: p + (self.now[vertex as usize] - near.point),
+                    normal: *normal,
+                },
+            ));
+        }
+        all
     }
 
     /// Mean squared distance of the vertices from their target planes, in units of the size.

@@ -9,7 +9,8 @@ use super::{
     Bent, FitMotion, Icp, NonRigid, Ransac, RegisterError, Registered, RegistrationSurface,
 };
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::median;
+use crate::mesh::closest::SurfaceTree;
+use crate::mesh::measures::{median, quantile};
 use crate::morph::align::rotation_of;
 use crate::morph::pose::axes;
 use crate::progress::Progress;
@@ -51,6 +52,8 @@ pub struct SurfaceRegistration {
     pub points: Vec<Point3<f64>>,
     /// Distance of each vertex from the other surface \[m\].
     pub distances: Vec<f64>,
+    /// Distance of each vertex of the other surface from the moved one \[m\].
+    pub distances_back: Vec<f64>,
     /// True for each vertex on the other surface: near, with a similar normal, and not at a
     /// boundary.
     pub inliers: Vec<bool>,
@@ -65,6 +68,8 @@ pub struct RegistrationResidual {
     pub rms: f64,
     /// Median \[m\].
     pub median: f64,
+    /// 95th percentile \[m\].
+    pub p95: f64,
     /// Greatest \[m\].
     pub max: f64,
 }
@@ -76,6 +81,7 @@ impl RegistrationResidual {
         let squares: f64 = all.iter().map(|d| d * d).sum();
         Self {
             rms: (squares / all.len().max(1) as f64).sqrt(),
+            p95: quantile(all.clone(), 0.95).unwrap_or(0.0),
             max: crate::mesh::measures::max_or_nan(all.iter().copied()),
             median: median(all).unwrap_or(0.0),
         }
@@ -148,12 +154,19 @@ pub fn register_surfaces(
         points.clone_from(&bent.points);
     }
     let (distances, inliers) = judged(moving, fixed, &points, ransac.near);
+    let tree = SurfaceTree::new(&points, &moving.mesh().triangles);
+    let back = |p: &Point3<f64>| {
+        tree.closest(p, f64::INFINITY)
+            .map_or(f64::INFINITY, |found| found.distance)
+    };
+    let distances_back = fixed.points().iter().map(back).collect();
     Ok(SurfaceRegistration {
         begun: start,
         registered,
         bent,
         points,
         distances,
+        distances_back,
         inliers,
         times,
     })
