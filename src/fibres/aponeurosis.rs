@@ -65,8 +65,8 @@ impl Attachment {
             made.origin.sheet = Some(frame.central(muscle, &closed.solid(), share));
         }
         made.origin.widen(muscle, origin, &self.insertion);
-        let taken = made.origin.clone();
-        made.insertion.widen(muscle, insertion, &taken);
+        made.insertion.widen(muscle, insertion, &made.origin);
+        made.guides = frame.guides(muscle, &made);
         made
     }
 
@@ -123,8 +123,8 @@ impl Attachment {
         }
         let [origin, insertion] = wide;
         made.origin.widen(muscle, origin, &self.insertion);
-        let taken = made.origin.clone();
-        made.insertion.widen(muscle, insertion, &taken);
+        made.insertion.widen(muscle, insertion, &made.origin);
+        made.guides = frame.guides(muscle, &made);
         Ok(made)
     }
 }
@@ -211,6 +211,46 @@ impl Frame {
     /// Position along the line of action: 0 at one end of the muscle, 1 at the other.
     fn along(&self, p: &Point3<f64>) -> f64 {
         (p.coords.dot(&self.action) - self.from) / self.length
+    }
+
+    /// Segments from plate to plate, side by side. Where plates lie opposite each other, the
+    /// harmonic field leads straight across; fibres of one muscle have about one direction, as
+    /// those between the ends of the plates must have it. Without such a place there is none.
+    fn guides(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<Vec<Point3<f64>>> {
+        let areas = [&attachment.origin, &attachment.insertion];
+        let starts = areas.map(|area| {
+            let on_surface = area.triangles.iter().map(|&t| muscle.corners(t as usize));
+            let inside = area
+                .sheet
+                .iter()
+                .flat_map(|sheet| (0..sheet.triangles.len()).map(|t| sheet.corners(t)));
+            let middle = |[a, b, c]: [Point3<f64>; 3]| {
+                Point3::from((a.coords + b.coords + c.coords) / 3.0)
+            };
+            on_surface.chain(inside).map(middle).collect::<Vec<_>>()
+        });
+        let last = starts[0].iter().map(|p| self.along(p));
+        let first = starts[1].iter().map(|p| self.along(p));
+        let last = last.fold(f64::NEG_INFINITY, f64::max);
+        let first = first.fold(f64::INFINITY, f64::min);
+        if !(first < last) {
+            return Vec::new();
+        }
+        // Each plate covers this part of the length on the mean: fibres pass the rest.
+        let share = 0.5 * (last + 1.0 - first);
+        let onward = self.action * ((1.0 - share) * self.length);
+        let trees = areas.map(|area| area.tree(muscle));
+        let segment = |p: &Point3<f64>, to: &SurfaceTree, onward: Vector3<f64>| {
+            to.closest(&(p + onward), f64::INFINITY)
+                .map(|found| vec![*p, found.point])
+        };
+        let from_origin = starts[0]
+            .iter()
+            .filter_map(|p| segment(p, &trees[1], onward));
+        let from_insertion = starts[1]
+            .iter()
+            .filter_map(|p| segment(p, &trees[0], -onward));
+        from_origin.chain(from_insertion).collect()
     }
 
     /// A sheet through the middle of each section, across the wide side, over the first part of

@@ -158,6 +158,8 @@ pub struct Attachment {
     /// Line of action, a unit vector, where aponeuroses widen the areas; `None` for that of the
     /// fibres: from the mean of their origins to that of their insertions.
     pub action: Option<Vector3<f64>>,
+    /// Lines inside along which fibres run from aponeurosis to aponeurosis [m]; none without.
+    pub guides: Vec<Vec<Point3<f64>>>,
 }
 
 impl Attachment {
@@ -189,7 +191,14 @@ impl Attachment {
             origin,
             insertion,
             action: None,
+            guides: Vec::new(),
         })
+    }
+
+    /// The same areas without the patches that tendons lead to.
+    pub fn without_tendons(mut self) -> Self {
+        (self.origin.patch, self.insertion.patch) = (None, None);
+        self
     }
 }
 

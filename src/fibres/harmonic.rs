@@ -43,6 +43,8 @@ const TRIALS: [(f64, Flux); 3] = [
     (1.0, Flux::Crowded(0.0)),
     (2.0, Flux::Crowded(8.0)),
 ];
+/// Gain of covered volume for which fibres may end in hooks.
+const HOOKED: f64 = 0.02;
 /// The next trial follows at once if a larger share is uncovered at first.
 const MAX_UNCOVERED: f64 = 0.12;
 /// Greatest number of failed seeds per fibre.
@@ -186,7 +188,11 @@ pub fn decompose_with(
     let task = Task {
         muscle,
         attachment,
-        lines,
+        lines: if lines.is_empty() {
+            &attachment.guides
+        } else {
+            lines
+        },
         options,
         solid: &solid,
         volume,
@@ -224,9 +230,10 @@ impl Task<'_> {
     fn best(&self) -> Result<Trial, DecompositionError> {
         let mut best: Option<Trial> = None;
         for (k, (finer, flux)) in TRIALS.into_iter().enumerate() {
-            match self.trial(finer, flux, k + 1 == TRIALS.len()) {
+            let last = k + 1 == TRIALS.len();
+            match self.trial(finer, flux, last) {
                 Ok(trial) if trial.disordered == 0 && trial.bare <= BARE => return Ok(trial),
-                Ok(trial) if best.as_ref().is_none_or(|best| trial.rank() < best.rank()) => {
+                Ok(trial) if best.as_ref().is_none_or(|best| trial.is_better(best, last)) => {
                     best = Some(trial)
                 }
                 Ok(_) | Err(DecompositionError::Lost { .. }) => {}
@@ -297,9 +304,11 @@ struct Trial {
 }
 
 impl Trial {
-    /// Rank of a trial; less is better.
-    fn rank(&self) -> (usize, f64) {
-        (self.disordered, self.bare)
+    /// True if a later trial has fewer fibres of reversed order, or leaves less bare. Fibres of the
+    /// `last` trial end in hooks, so it must leave much less bare.
+    fn is_better(&self, before: &Self, last: bool) -> bool {
+        let gain = if last { HOOKED } else { 0.0 };
+        (self.disordered, self.bare + gain) < (before.disordered, before.bare)
     }
 }
 

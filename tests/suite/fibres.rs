@@ -1,5 +1,6 @@
 //! Fibres: exact shapes, invalid areas, controls of the measures, real muscles.
 
+mod aponeuroses;
 mod real;
 mod refused;
 mod shapes;

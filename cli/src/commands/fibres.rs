@@ -391,7 +391,7 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
                 "tendons are left out: where a bone is in this frame is not known".to_owned(),
             );
         }
-        (attachment.origin.patch, attachment.insertion.patch) = (None, None);
+        attachment = attachment.without_tendons();
         lines.lines = BoundLines::new(&Surface::new(base), &lines.lines).at(&muscle.vertices);
     }
     Ok(Given {

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::Table;
 use super::output::{DataFile, OutputFile, RunOutput, Verdict, measures};
+use crate::draft::names;
 use pliant::fibres::quality::Quality;
 use pliant::fibres::{Area, Attachment, FibreMeasures, Tendon};
 use pliant::format::number;
@@ -170,6 +171,13 @@ impl<'a> Bundle<'a> {
             all.push(format!(
                 "fibres are {ratio:.2} times as long as the table's optimal length: is the muscle pennate, with aponeuroses that \
                  are not given?"
+            ));
+        }
+        let by_name = names::architecture(self.name).filter(|name| *name != "parallel");
+        if let (Some(name), None) = (by_name, &self.summary.aponeurosis) {
+            all.push(format!(
+                "by its name the muscle is {name}: without aponeuroses (--aponeurosis auto) its fibres are as long as the muscle, and \
+                 its cross-section is too small"
             ));
         }
         if !(q.coverage >= COVERED) {

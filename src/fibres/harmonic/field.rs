@@ -40,6 +40,9 @@ pub struct Field {
     pub values: Vec<f64>,
     /// For each place of the box, true if the cube is near the origin; the same for the insertion.
     pub by_area: [Vec<bool>; 2],
+    /// Greatest tangent of the angle between a streamline and the shortest line to its area, where
+    /// it goes straight.
+    pub flat: f64,
     /// Gradients of the values; with lines on the surface, unit vectors along the interpolated
     /// directions.
     gradients: Vec<Vector3<f64>>,
@@ -83,6 +86,21 @@ pub enum Flux {
     /// an area much larger than the cross-section: those near the other area would also have to
     /// cover the space above the rest of the area, and a layer along the area would stay uncovered.
     Crowded(f64),
+}
+
+/// Greatest tangent where streamlines that run along their area end in a turn of 18 degrees at
+/// most, and where they turn towards it, as those that the flux crowds must do to cover the layer
+/// along a wide area.
+const FLAT: f64 = 3.0;
+const STEEP: f64 = 0.0;
+
+impl Flux {
+    fn flat(self) -> f64 {
+        match self {
+            Self::Crowded(more) if more > 0.0 => STEEP,
+            _ => FLAT,
+        }
+    }
 }
 
 /// Error of [`Field::new`].
@@ -148,6 +166,7 @@ impl Field {
             gradients: Vec::new(),
             nodes: Vec::new(),
             by_area,
+            flat: flux.flat(),
             cells,
             values,
         };

@@ -16,9 +16,6 @@ const STEP: f64 = 0.4;
 const ARRIVED: f64 = 1.0;
 /// The same distance where the field ends.
 const ARRIVED_LATE: f64 = 2.0;
-/// Greatest tangent of the angle between a streamline and the shortest line to its area, where it
-/// goes straight: the last turn of a streamline that runs along its area is at most 18 degrees.
-const FLAT: f64 = 3.0;
 /// Remaining share of the distance to the closest point of the area. With 0, all streamlines that
 /// arrive beside an area would end in one point of its boundary.
 const LEFT: f64 = 1e-3;
@@ -76,7 +73,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// The point where a streamline through `p` reaches the area: it goes on in its direction, but
-    /// at most [`FLAT`] times as far along the area as towards it. Straight towards the area, all
+    /// at most `flat` of the field times as far along the area as towards it. Straight towards the area, all
     /// fibres that run along it would end in a hook.
     pub fn landing(&self, p: &Point3<f64>, sign: f64) -> Option<Point3<f64>> {
         let area = &self.areas[usize::from(sign > 0.0)];
@@ -88,7 +85,7 @@ impl<'a> Tracer<'a> {
         let onward = self.field.direction(p, sign).map(|direction| {
             let nearer = direction.dot(&towards);
             let along = direction - towards * nearer;
-            along * (found.distance / nearer.max(along.norm() / FLAT))
+            along * (found.distance / nearer.max(along.norm() / self.field.flat))
         });
         let found = match onward.filter(|onward| onward.iter().all(|c| c.is_finite())) {
             Some(onward) => area.closest(&(p + onward), f64::INFINITY)?,

@@ -49,6 +49,25 @@ pub(super) fn plates(
     } else {
         named(text)
     };
+    let made = widened(text, known, unit, muscle, attachment)?;
+    let far = [&made.origin, &made.insertion].map(|area| area.patch.is_some());
+    if far.contains(&true) {
+        notes.push(
+            "straight tendons to areas off the muscle are left out: fibres end on aponeuroses"
+                .to_owned(),
+        );
+    }
+    Ok(made.without_tendons())
+}
+
+/// The areas with plates of a known kind, or of a share, or of a file.
+fn widened(
+    text: &str,
+    known: Option<&(&str, f64, bool)>,
+    unit: f64,
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+) -> Result<Attachment, Failure> {
     if let Some(&(_, share, central)) = known {
         return Ok(attachment.with_aponeuroses(muscle, share, central));
     }
