@@ -70,6 +70,24 @@ impl Attachment {
         made
     }
 
+    /// Share of the muscle's length that each plate covers, where fibres lead from plate to plate
+    /// at this angle to the line of action [rad]: 1 - thickness / (length tan angle), with the mean
+    /// thickness between the plates.
+    pub fn share_of_pennation(&self, muscle: &TriangleMesh, angle: f64, central: bool) -> f64 {
+        let frame = Frame::new(muscle, self);
+        let across = if central { frame.wide } else { frame.thin };
+        let shadow = |t: usize| {
+            let [a, b, c] = muscle.corners(t);
+            0.25 * (b - a).cross(&(c - a)).dot(&across).abs()
+        };
+        let shadow: f64 = (0..muscle.triangles.len()).map(shadow).sum();
+        let thickness = Closed::new(muscle).mesh.volume().abs() / shadow;
+        // A plate in the middle has fibres on both of its sides.
+        let between = if central { 0.5 * thickness } else { thickness };
+        let share = 1.0 - between / (frame.length * libm::tan(angle));
+        if share >= 0.0 { share } else { 0.0 }
+    }
+
     /// Adds given plates to the areas, each to the area that is nearer to its nearest point: as a
     /// part of the surface where they lie on it, and as sheets inside otherwise.
     ///

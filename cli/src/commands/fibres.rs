@@ -69,8 +69,9 @@ the fibres of a --template, mapped onto the surface with springs inside, or slic
 handles; both may leave the muscle, fold, and slices miss the areas: both are measured and reported.
 
 Aponeuroses are the tendon plates on which the fibres of pennate muscles begin and end. The origin's plate covers the face of the
-muscle to which its area looks, from its end on, and the insertion's the opposite face: each 0.4 of the length with `parallel`, 0.75
-with `pennate` and 0.87 with `multipennate`; with `bipennate` that of the origin lies in the middle, between two of the insertion.
+muscle to which its area looks, from its end on, and the insertion's the opposite face: each 0.4 of the length with `parallel`, so far
+that fibres make 15 degrees with the line of action with `pennate`, and 28 with `multipennate`; with `bipennate` that of the origin
+lies in the middle, between two of the insertion, at 15 degrees. A share of the length, 0.75, or an angle, 15deg, may be given.
 `auto` takes the architecture that textbooks of anatomy give for the muscle's name. A FILE holds open surfaces, each a component: on
 the surface or as a sheet inside; each belongs to the area that is nearer.
 
@@ -102,7 +103,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME", value_parser = Template::NAMED.map(|(name, _)| name))]
     template: Option<String>,
     /// Aponeuroses on which fibres begin and end: auto (by the muscle's name), parallel, pennate,
-    /// bipennate, multipennate, the share of the length that each covers, or a file of them
+    /// bipennate, multipennate, the share of the length that each covers, the pennation of fibres
+    /// between them, or a file of them
     #[arg(long, value_name = "PLATES")]
     aponeurosis: Option<String>,
     /// Row of a table of architecture, as FILE#ROW or FILE#ROW,ROW: fibre lengths relative to its

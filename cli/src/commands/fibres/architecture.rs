@@ -8,22 +8,57 @@ use crate::commands::failure::Failure;
 use crate::draft::names;
 use pliant::fibres::Attachment;
 use pliant::mesh::TriangleMesh;
+use pliant::scene::units::{Dimension, parse};
 use pliant::simulation::component;
 
-/// Kinds of architecture: name, share of the muscle's length that each plate covers, and whether
-/// that of the origin lies in the middle. The shares are those of fibres of 0.6, 0.25 and 0.13 of
-/// the belly's length, which dissections find for muscles of these kinds \\[ward2009\\].
-const NAMED: [(&str, f64, bool); 4] = [
-    ("parallel", 0.4, false),
-    ("pennate", 0.75, false),
-    ("bipennate", 0.75, true),
-    ("multipennate", 0.87, false),
+/// A kind of architecture.
+struct Kind {
+    name: &'static str,
+    /// How far the plates reach.
+    reach: Reach,
+    /// True if the origin's plate lies in the middle, between two of the insertion.
+    central: bool,
+}
+
+/// How far each plate reaches from its end.
+#[derive(Clone, Copy)]
+enum Reach {
+    /// Over this share of the muscle's length.
+    Share(f64),
+    /// So far that fibres make this angle with the line of action [degrees].
+    Pennation(f64),
+}
+
+/// The kinds. Dissections of 27 muscles of the leg \\[ward2009\\] find fibres of about 0.6 of the
+/// belly's length in parallel muscles, and angles of about 15 degrees in pennate ones and 28 in
+/// soleus.
+const KINDS: [Kind; 4] = [
+    Kind {
+        name: "parallel",
+        reach: Reach::Share(0.4),
+        central: false,
+    },
+    Kind {
+        name: "pennate",
+        reach: Reach::Pennation(15.0),
+        central: false,
+    },
+    Kind {
+        name: "bipennate",
+        reach: Reach::Pennation(15.0),
+        central: true,
+    },
+    Kind {
+        name: "multipennate",
+        reach: Reach::Pennation(28.0),
+        central: false,
+    },
 ];
 /// Column of a table of architecture.
 const OPTIMAL: &str = "optimal_fiber_length_m";
 
-fn named(name: &str) -> Option<&'static (&'static str, f64, bool)> {
-    NAMED.iter().find(|(known, ..)| *known == name)
+fn named(name: &str) -> Option<&'static Kind> {
+    KINDS.iter().find(|kind| kind.name == name)
 }
 
 /// The areas with the plates that `--aponeurosis` asks for.
@@ -63,28 +98,43 @@ pub(super) fn plates(
 /// The areas with plates of a known kind, or of a share, or of a file.
 fn widened(
     text: &str,
-    known: Option<&(&str, f64, bool)>,
+    known: Option<&Kind>,
     unit: f64,
     muscle: &TriangleMesh,
     attachment: &Attachment,
 ) -> Result<Attachment, Failure> {
-    if let Some(&(_, share, central)) = known {
+    let number = text.parse::<f64>().ok().map(Reach::Share);
+    let angle = parse(text, Dimension::Angle).ok().map(f64::to_degrees);
+    let reach = known
+        .map(|kind| kind.reach)
+        .or(number)
+        .or(angle.map(Reach::Pennation));
+    if let Some(reach) = reach {
+        let central = known.is_some_and(|kind| kind.central);
+        let share = match reach {
+            Reach::Share(share) if (0.0..=0.95).contains(&share) => share,
+            Reach::Pennation(angle) if (1.0..=60.0).contains(&angle) => {
+                attachment.share_of_pennation(muscle, angle.to_radians(), central)
+            }
+            _ => {
+                return Err(Failure::usage(
+                    format!(
+                        "--aponeurosis: each plate covers a share from 0 to 0.95, or fibres make an angle from 1 to 60 degrees, \
+                         not {text}"
+                    ),
+                    "0.75 or 15deg is usual for pennate muscles",
+                ));
+            }
+        };
         return Ok(attachment.with_aponeuroses(muscle, share, central));
-    }
-    if let Ok(share) = text.parse::<f64>() {
-        if !(0.0..=0.95).contains(&share) {
-            return Err(Failure::usage(
-                format!("--aponeurosis: each plate covers a share from 0 to 0.95, not {text}"),
-                "0.75 is usual for pennate muscles",
-            ));
-        }
-        return Ok(attachment.with_aponeuroses(muscle, share, false));
     }
     let path = Path::new(text);
     if !path.exists() {
-        let names = NAMED.map(|(name, ..)| name).join(", ");
+        let names = KINDS.map(|kind| kind.name).join(", ");
         return Err(Failure::usage(
-            format!("--aponeurosis: `{text}` is no file, no share and no kind of architecture"),
+            format!(
+                "--aponeurosis: `{text}` is no file, no share, no angle and no kind of architecture"
+            ),
             format!("the kinds are {names} and auto"),
         ));
     }
