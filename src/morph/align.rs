@@ -1,7 +1,7 @@
 //! Rotation of a map so that its features coincide with those of another, and motion of features to
 //! their targets (errata M10).
 
-use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Matrix3, Point3, UnitQuaternion, Vector3};
 
 use super::sphere::kernel::sees;
 use super::sphere::rings::Rings;
@@ -151,12 +151,13 @@ const BETTER: f64 = 0.999;
 const THERE: f64 = 1e-9;
 
 /// Moves vertices of a map, the features, to given targets, together with the vertices around them:
-/// v := norm(v + h t (1 - |v - f|/d)) with |h t| < d/2. Where a triangle would be reversed, each
-/// vertex moves only as far as it sees its ring, by halving.
-/// its ring, by halves.
+/// v := norm(v + sum over features of w_j b(|v - f_j|/d)), with a smooth bump b and w_j so that each
+/// feature moves by its own step, of less than d/2. Where a triangle would be reversed, each vertex
+/// moves only as far as it sees its ring, by halving.
 ///
-/// The printed form lacks the division by d: a feature moves by d times the remaining distance
-/// (M10).
+/// The printed form, v := norm(v + h t (d - |v - f|)) one feature after the other, moves a feature
+/// by d times the remaining distance (M10), and features in each other's neighbourhood drag each
+/// other off their ways.
 ///
 /// # Errors
 /// Features that do not exist or coincide, and features that cannot move without a fold.
@@ -232,7 +233,9 @@ fn check_features(
     Ok(())
 }
 
-/// One step of all features.
+/// One step of all features, and what is around them with them: a smooth field that has at each
+/// feature exactly its step. A sum of the steps of single features would drag those that lie near
+/// each other off their ways.
 fn moved(
     points: &[Point3<f64>],
     features: &[u32],
@@ -240,20 +243,38 @@ fn moved(
     radius: f64,
     share: f64,
 ) -> Vec<Point3<f64>> {
-    let mut next = points.to_vec();
-    for (&feature, target) in features.iter().zip(targets) {
-        let f = next[feature as usize];
+    let from: Vec<Point3<f64>> = features.iter().map(|&f| points[f as usize]).collect();
+    let step = |(f, target): (&Point3<f64>, &Point3<f64>)| {
         let offset = target - f;
-        let step = offset * (share * radius / offset.norm().max(share * radius));
-        for (v, p) in next.iter_mut().enumerate() {
-            let near = 1.0 - (*p - f).norm() / radius;
-            let held = v as u32 != feature && features.contains(&(v as u32));
-            if near > 0.0 && !held {
-                *p = Point3::from((p.coords + step * near).normalize());
-            }
+        offset * (share * radius / offset.norm().max(share * radius))
+    };
+    let steps: Vec<Vector3<f64>> = from.iter().zip(targets).map(step).collect();
+    let near = |p: &Point3<f64>, q: &Point3<f64>| bump((p - q).norm() / radius);
+    let matrix = DMatrix::from_fn(from.len(), from.len(), |i, j| near(&from[i], &from[j]));
+    let right = DMatrix::from_fn(from.len(), 3, |i, k| steps[i][k]);
+    // Features in one place have no such field.
+    let Some(factor) = matrix.cholesky() else {
+        return points.to_vec();
+    };
+    let weights = factor.solve(&right);
+    let moved = |p: &Point3<f64>| {
+        let mut by = Vector3::zeros();
+        for (j, f) in from.iter().enumerate() {
+            let near = near(p, f);
+            (0..3).for_each(|k| by[k] += near * weights[(j, k)]);
         }
-    }
-    next
+        if by == Vector3::zeros() {
+            return *p;
+        }
+        Point3::from((p.coords + by).normalize())
+    };
+    points.iter().map(moved).collect()
+}
+
+/// Wendland's function of a distance, positive definite in space: 1 at 0, and 0 from 1 on.
+fn bump(r: f64) -> f64 {
+    let left = (1.0 - r).max(0.0);
+    left * left * left * left * (4.0 * r + 1.0)
 }
 
 /// Moves vertices one after the other towards their targets, as far as they see their rings.

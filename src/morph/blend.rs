@@ -5,7 +5,8 @@
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 
 use super::align::rotation_of;
-use crate::mesh::Topology;
+use crate::mesh::measures::{triangle_areas, volume};
+use crate::mesh::{Topology, TriangleMesh};
 use crate::solvers::sparse::{Factor, FactorError};
 
 /// Error of a blend.
@@ -173,10 +174,18 @@ impl Path {
 ///
 /// The source interpolates delta_i = sum_j w_ij (x_j - x_i) linearly and solves L x = delta(t).
 /// With one matrix L this is the linear blend again, since both are linear in the positions. Here
-/// each vertex has the rotation R_i that best takes its ring from the first shape to the second. An
-/// intermediate edge is the blend of the first edge and of the second edge rotated back, rotated by
-/// the part t of R_i. A rotation of the whole shape is removed before and applied after.
+/// each vertex has the rotation R_i that best takes its neighbourhood from the first shape to the
+/// second. An intermediate edge is the blend of the first edge and of the second edge rotated back,
+/// rotated by the part t of R_i. A rotation of the whole shape is removed before and applied after.
+///
+/// A neighbourhood is some [`REACH`] of the shape wide. Single rings of unlike shapes turn against
+/// each other by where the map has put their triangles, and edges that keep their lengths at such
+/// rotations swell and pit the shape. What is left of that goes by an even shift along the normals:
+/// the volume of a closed shape is that of a body whose size is the blend of both sizes.
 pub struct Laplacian {
+    triangles: Vec<[u32; 3]>,
+    /// Volumes of both ends \[m^3\].
+    volumes: [f64; 2],
     first: Vec<Point3<f64>>,
     second: Vec<Point3<f64>>,
     edges: Vec<[u32; 2]>,
@@ -190,6 +199,12 @@ pub struct Laplacian {
     factor: Factor<1>,
 }
 
+/// Width of the neighbourhood of a vertex's rotation, relative to the root of the area of the shape.
+const REACH: f64 = 0.15;
+/// Greatest number of steps of the shift along the normals; each squares the relative error.
+const SHIFTS: usize = 8;
+/// Relative error of the volume at which it ends: some roundings.
+const ROUND: f64 = 1e-12;
 /// Least weight of an edge relative to the mean. Cotangents are negative where two opposite angles
 /// exceed 180 degrees together. Merged surfaces are full of slivers and have hundreds of them; the
 /// matrix is then not positive definite and has no Cholesky factor. The weights only distribute the
@@ -251,13 +266,17 @@ impl Laplacian {
             products[a as usize] += product;
             products[b as usize] += product;
         }
+        spread(&mut products, [first, second], triangles, &edges, &weights)?;
         let back = whole.inverse().to_rotation_matrix();
         let turns = products
             .iter()
             .map(|m| rotation_of(&(back.matrix() * m)).scaled_axis())
             .collect();
+        let volumes = [first, second].map(|x| volume(x, triangles));
         let (first, second) = (first.to_vec(), second.to_vec());
         Ok(Self {
+            triangles: triangles.to_vec(),
+            volumes,
             first,
             second,
             edges,
@@ -312,10 +331,81 @@ impl Laplacian {
         let middle = (0..count).map(added).sum::<Vector3<f64>>() / count.max(1) as f64;
         let centre = self.centres[0] * (1.0 - t) + self.centres[1] * t;
         let forward = UnitQuaternion::from_scaled_axis(self.whole * t).to_rotation_matrix();
-        (0..count)
+        let mut shape: Vec<Point3<f64>> = (0..count)
             .map(|i| Point3::from(centre + forward * (straight[i] + added(i) - middle)))
-            .collect()
+            .collect();
+        if t > 0.0 && t < 1.0 {
+            self.shift(&mut shape, t);
+        }
+        shape
     }
+
+    /// Shifts all vertices evenly along their normals until the volume is that of a body whose
+    /// size is the blend of both.
+    fn shift(&self, shape: &mut [Point3<f64>], t: f64) {
+        let [a, b] = self.volumes.map(libm::cbrt);
+        let size = a * (1.0 - t) + b * t;
+        let goal = size * size * size;
+        if !(self.volumes[0] > 0.0 && self.volumes[1] > 0.0) {
+            return;
+        }
+        for _ in 0..SHIFTS {
+            let lack = goal - volume(shape, &self.triangles);
+            if lack.abs() <= ROUND * goal {
+                return;
+            }
+            let now = TriangleMesh {
+                vertices: shape.to_vec(),
+                triangles: self.triangles.clone(),
+            };
+            let by = lack / now.area();
+            for (p, normal) in shape.iter_mut().zip(now.vertex_normals()) {
+                *p += normal.try_normalize(0.0).unwrap_or_default() * by;
+            }
+        }
+    }
+}
+
+/// Diffuses a matrix of each vertex over its neighbourhood.
+fn spread(
+    products: &mut [Matrix3<f64>],
+    shapes: [&[Point3<f64>]; 2],
+    triangles: &[[u32; 3]],
+    edges: &[[u32; 2]],
+    weights: &[f64],
+) -> Result<(), BlendError> {
+    let count = products.len();
+    let mut areas = vec![0.0; count];
+    for x in shapes {
+        for (t, area) in triangles.iter().zip(triangle_areas(x, triangles)) {
+            t.iter().for_each(|&v| areas[v as usize] += area / 6.0);
+        }
+    }
+    let whole: f64 = areas.iter().sum();
+    // Vertices of triangles without area have the least part of the whole.
+    let least = LEAST * whole / count.max(1) as f64;
+    let conductance = REACH * REACH * whole;
+    let mut factor = Factor::<1>::new(count, edges)?;
+    for (&[a, b], &w) in edges.iter().zip(weights) {
+        factor.add(b, a, &[[-w * conductance]]);
+        factor.add_diagonal(a, w * conductance);
+        factor.add_diagonal(b, w * conductance);
+    }
+    for (v, area) in areas.iter().enumerate() {
+        factor.add_diagonal(v as u32, area.max(least));
+    }
+    factor.factorise()?;
+    for j in 0..3 {
+        let mut column = vec![0.0; 3 * count];
+        for (v, product) in products.iter().enumerate() {
+            (0..3).for_each(|i| column[i * count + v] = product[(i, j)]);
+        }
+        factor.solve(&mut column, 3);
+        for (v, product) in products.iter_mut().enumerate() {
+            (0..3).for_each(|i| product[(i, j)] = column[i * count + v]);
+        }
+    }
+    Ok(())
 }
 
 /// Half the cotangents of the angles opposite each edge, mean of both shapes, bounded relative to

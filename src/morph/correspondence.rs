@@ -336,12 +336,47 @@ fn aligned(
     };
     let [first, second] = turned(first, second, &by)?;
     let features: Vec<u32> = pairs.iter().map(|pair| pair[0]).collect();
-    let moved = move_features(&first, &features, &places(1, &second), &settings.moving)?;
+    let places = places(1, &second);
+    let moved = moved(&first, &features, &places, &settings.moving)?;
     Ok(Aligned {
         maps: [moved, second],
         start,
         drawn: 0.0,
     })
+}
+
+/// Moves features to their places: all together first, where a rotation does not bring them near,
+/// and with smaller and smaller neighbourhoods where features are in each other's path.
+fn moved(
+    map: &SphereMap,
+    features: &[u32],
+    places: &[Point3<f64>],
+    how: &Moving,
+) -> Result<SphereMap, AlignError> {
+    let direct = move_features(map, features, places, how);
+    if !matches!(direct, Err(AlignError::Stuck { .. })) {
+        return direct;
+    }
+    let target = |(vertex, to): (&u32, &Point3<f64>)| Target {
+        vertex: *vertex,
+        to: *to,
+        weight: 1.0,
+    };
+    let targets: Vec<Target> = features.iter().zip(places).map(target).collect();
+    let nearer = warped(map, &targets);
+    for halvings in 0..RADII {
+        let how = Moving {
+            radius: how.radius * libm::exp2(-f64::from(halvings)),
+            ..*how
+        };
+        for start in nearer.iter().chain([map]) {
+            let found = move_features(start, features, places, &how);
+            if !matches!(found, Err(AlignError::Stuck { .. })) {
+                return found;
+            }
+        }
+    }
+    direct
 }
 
 /// Rotates the first map so that similar parts of the bodies coincide, and deforms it if that
@@ -398,6 +433,8 @@ fn by_shape_similarity(
     })
 }
 
+/// Number of radii of the neighbourhood of a feature that are tried, each half of the one before.
+const RADII: i32 = 4;
 /// Small changes of a rotation where rounding folds a thin triangle \[rad\].
 const ASIDE: [f64; 4] = [0.0, 1e-9, 1e-6, 1e-4];
 

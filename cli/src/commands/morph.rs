@@ -1,5 +1,6 @@
 //! `pliant morph`: interpolation between two closed surfaces.
 
+mod mending;
 mod pairs;
 
 use std::path::{Path, PathBuf};
@@ -11,6 +12,7 @@ use super::options::Output;
 use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{interrupted, length_unit, warn};
+use mending::{Mended, mended, nearest_vertices};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::morph::{Carried, Morph, Shape};
 use pliant::io::{self, PointData};
@@ -31,7 +33,8 @@ Examples:
   pliant morph left.vtp right.vtp --unit mm --pairs pairs.txt --blend laplacian --frames 48
   pliant morph a.obj b.obj --topology first --method relaxation --json > summary.json
 
-Both surfaces must be closed, in one piece and without handles; `pliant check FILE --repair DIR` mends most that are not. Each is
+Both surfaces must be closed, in one piece and without handles. One that is not is mended first: coincident vertices are merged, holes
+closed, all but the largest piece left out, handles cut. The result says so, and ends at the mended surface. Each is
 spread over a sphere without folds, the first is turned and deformed until like parts lie over each other, and with `--topology merged`
 the surface in between has the vertices and edges of both, so that both ends are reproduced exactly; with `first` it has those of A.
 
@@ -127,11 +130,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let out = arguments.output.folder(&name, "morph");
     arguments.output.threads.start();
     Folder::check(&out, &Morph::files(&name))?;
-    let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
-    let meshes = [&a.mesh, &b.mesh];
-    let pairs = arguments.pairs.as_ref().map_or(Ok(Vec::new()), |file| {
-        pairs::read(file, meshes, paths, scale)
+    let given = [read(paths[0], scale)?, read(paths[1], scale)?];
+    let as_read = given.each_ref().map(|one| one.mesh.clone());
+    let mut pairs = arguments.pairs.as_ref().map_or(Ok(Vec::new()), |file| {
+        pairs::read(file, as_read.each_ref(), paths, scale)
     })?;
+    let Mended {
+        surfaces: [a, b],
+        notes,
+        handles_cut,
+    } = mended(given, paths);
+    let meshes = [&a.mesh, &b.mesh];
+    for side in [0, 1] {
+        if meshes[side].vertices != as_read[side].vertices {
+            let nearest = nearest_vertices(&as_read[side], meshes[side]);
+            pairs
+                .iter_mut()
+                .for_each(|pair| pair[side] = nearest[pair[side] as usize]);
+        }
+    }
     let read_s = begun.elapsed().as_secs_f64();
     let settings = settings(arguments);
     let progress = |_: &str, _: usize, _: usize| if_raised(&stop);
@@ -171,6 +188,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             word(&arguments.blend, &["linear", "hermite", "laplacian"]),
             word(&arguments.topology, &["merged", "first"]),
         ],
+        notes,
+        handles_cut,
         unit: arguments.unit.as_ref().map(|_| "m"),
         seconds: [read_s, blending.elapsed().as_secs_f64()],
         time_s: begun.elapsed().as_secs_f64(),

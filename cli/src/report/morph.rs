@@ -128,6 +128,10 @@ pub struct Morph<'a> {
     pub data: Vec<Carried>,
     /// Method, blend and topology, as given.
     pub words: [&'static str; 3],
+    /// What was mended in the surfaces, and the number of handles that were cut.
+    pub notes: Vec<String>,
+    /// Number of handles that were cut.
+    pub handles_cut: usize,
     /// Unit of all lengths; `None` for that of the files.
     pub unit: Option<&'static str>,
     /// Time of reading and of blending [s].
@@ -211,12 +215,22 @@ pub struct Summary {
     frames: usize,
     volume_0: f64,
     volume_1: f64,
+    volume_halfway_ratio: Option<f64>,
+    handles_cut: usize,
     area_0: f64,
     area_1: f64,
     arrays: Vec<CarriedArray>,
     times: Seconds,
     #[serde(skip)]
     verdicts: Vec<Verdict>,
+}
+
+/// Volume of the shape at half, relative to that of a body whose size is the mean of both; `None`
+/// without such a shape.
+fn halfway(shapes: &[Shape], volumes: &[f64]) -> Option<f64> {
+    let k = shapes.iter().position(|shape| (shape.t - 0.5).abs() <= 1e-9)?;
+    let size = 0.5 * (volumes.first()?.cbrt() + volumes.last()?.cbrt());
+    Some(volumes[k] / (size * size * size))
 }
 
 /// Least and greatest volume of a shape between two others, relative to the smaller and to the greater of
@@ -372,6 +386,8 @@ impl Morph<'_> {
             frames: self.shapes.len(),
             volume_0: at(0, volume),
             volume_1: at(last, volume),
+            volume_halfway_ratio: halfway(&self.shapes, &volumes),
+            handles_cut: self.handles_cut,
             area_0: at(0, area),
             area_1: at(last, area),
             arrays: self.data.iter().map(array).collect(),
@@ -449,6 +465,7 @@ impl Morph<'_> {
                 plot: self.plot(),
             }],
             pictures: drawn.pictures(&file),
+            notes: self.notes.clone(),
             explanations: vec![format!(
                 "Lengths are in {}. Conformal distortion is the greater over the smaller stretch of a triangle, area distortion its \
                  share of the whole area after over that before, or the inverse.",

@@ -173,29 +173,9 @@ impl<'a> RegistrationSurface<'a> {
     /// surface of curvature k by k/2 sum w_i |y - p_i|^2. Without this correction two samples of
     /// one round body differ by the depth of their triangles, and the moving one shrinks.
     fn curved(&self, near: &TriangleProjection) -> (Point3<f64>, Vector3<f64>) {
-        let flat = self.normal(near.triangle);
         let names = self.mesh.triangles[near.triangle as usize];
-        let (corners, normals) = (
-            self.mesh.corners(near.triangle as usize),
-            names.map(|v| self.normals[v as usize]),
-        );
-        // At edges and outliers vertex normals do not describe the surface in between.
-        if normals.iter().any(|n| n.dot(&flat) < SMOOTH) {
-            return (near.point, flat);
-        }
-        let y = near.point;
-        let part = |k: usize| {
-            let (q, r) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
-            (q - y).cross(&(r - y)).norm()
-        };
-        let parts = [0, 1, 2].map(part);
-        let whole: f64 = parts.iter().sum();
-        let (mut lift, mut normal) = (Vector3::zeros(), Vector3::zeros());
-        for k in 0..3 {
-            lift += normals[k] * (0.5 * parts[k] / whole * (corners[k] - y).dot(&normals[k]));
-            normal += normals[k] * parts[k];
-        }
-        (y + lift, normal.try_normalize(0.0).unwrap_or(flat))
+        let corners = self.mesh.corners(near.triangle as usize);
+        curved(&near.point, &corners, &names.map(|v| self.normals[v as usize]))
     }
 
     /// True if a point of a triangle lies on a boundary edge: a match there is beyond the boundary.
@@ -213,4 +193,33 @@ impl<'a> RegistrationSurface<'a> {
                 && along.cross(&(at - a)).norm() <= 1e-9 * along.norm_squared()
         })
     }
+}
+
+/// The same for a point of a triangle with these corners and normals at them.
+fn curved(
+    y: &Point3<f64>,
+    corners: &[Point3<f64>; 3],
+    normals: &[Vector3<f64>; 3],
+) -> (Point3<f64>, Vector3<f64>) {
+    let [a, b, c] = corners;
+    let flat = (b - a)
+        .cross(&(c - a))
+        .try_normalize(0.0)
+        .unwrap_or_default();
+    // At edges and outliers vertex normals do not describe the surface in between.
+    if normals.iter().any(|n| n.dot(&flat) < SMOOTH) {
+        return (*y, flat);
+    }
+    let part = |k: usize| {
+        let (q, r) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
+        (q - y).cross(&(r - y)).norm()
+    };
+    let parts = [0, 1, 2].map(part);
+    let whole: f64 = parts.iter().sum();
+    let (mut lift, mut normal) = (Vector3::zeros(), Vector3::zeros());
+    for k in 0..3 {
+        lift += normals[k] * (0.5 * parts[k] / whole * (corners[k] - y).dot(&normals[k]));
+        normal += normals[k] * parts[k];
+    }
+    (y + lift, normal.try_normalize(0.0).unwrap_or(flat))
 }

@@ -14,7 +14,7 @@ mod clusters;
 
 use nalgebra::{Point3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::{RegisterError, RegistrationSurface};
+use super::{RegisterError, RegistrationSurface, curved};
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::{max_or_nan, median};
 use crate::progress::Progress;
@@ -311,6 +311,7 @@ impl<'a> Bending<'a> {
     /// of the moving surface is to move as that point would have to.
     fn from_fixed(&self, now: &crate::mesh::TriangleMesh) -> Vec<(f64, Drawn)> {
         let tree = SurfaceTree::new(&now.vertices, &now.triangles);
+        let own = now.vertex_normals();
         let mut all = Vec::new();
         for (p, normal) in self.fixed.points().iter().zip(self.fixed.normals()) {
             let p = Point3::from(p.coords / self.size);
@@ -323,6 +324,8 @@ impl<'a> Bending<'a> {
             if self.moving.is_on_moved_rim(near.triangle, &at, &near.point) {
                 continue;
             }
+            let unit = |v: u32| own[v as usize].try_normalize(0.0).unwrap_or_default();
+            let (foot, _) = curved(&near.point, &at, &corners.map(unit));
             let away = |v: &u32| (self.now[*v as usize] - near.point).norm();
             let vertex = corners.into_iter().min_by(|a, b| away(a).total_cmp(&away(b)));
             let Some(vertex) = vertex.filter(|v| !self.outliers[*v as usize]) else {
@@ -332,7 +335,7 @@ impl<'a> Bending<'a> {
                 near.distance * self.size,
                 Drawn {
                     vertex: vertex as usize,
-                    to: p + (self.now[vertex as usize] - near.point),
+                    to: p + (self.now[vertex as usize] - foot),
                     normal: *normal,
                 },
             ));

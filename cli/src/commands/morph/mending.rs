@@ -1,0 +1,98 @@
+//! Mends the surfaces of a morph: one piece, closed, turned outward, without handles.
+
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use super::Given;
+use pliant::io::PointData;
+use pliant::mesh::SurfaceTree;
+use pliant::mesh::{LONGEST_RIM, RepairOptions, RepairStep, Topology, TriangleMesh, repair};
+
+/// Surfaces that a sphere can be spread over.
+pub(super) struct Mended {
+    pub(super) surfaces: [Given; 2],
+    /// The changes, a sentence for each surface with one.
+    pub(super) notes: Vec<String>,
+    /// Number of handles that were cut.
+    pub(super) handles_cut: usize,
+}
+
+/// Mends what has a defect; a sound surface keeps its bits.
+pub(super) fn mended(given: [Given; 2], paths: [&Path; 2]) -> Mended {
+    let (mut notes, mut handles_cut) = (Vec::new(), 0);
+    let mut k = 0;
+    let surfaces = given.map(|one| {
+        let path = paths[k];
+        k += 1;
+        if is_sphere(&one.mesh) {
+            return one;
+        }
+        let options = RepairOptions {
+            close_holes: LONGEST_RIM,
+            // Of any size: the surface has a map only without them.
+            cut_handles: f64::MAX,
+            keep_largest: true,
+            merge_within: 0.0,
+        };
+        let found = repair(&one.mesh, &[], &options);
+        if found.changes.is_empty() || !is_sphere(&found.mesh) {
+            // The map refuses it, with the place of the defect.
+            return one;
+        }
+        let changes: Vec<&str> = found.changes.iter().map(|c| c.message.as_str()).collect();
+        notes.push(format!(
+            "{} was mended first: {}; the shapes end at the mended surface",
+            path.display(),
+            changes.join("; ")
+        ));
+        let handles = found.changes.iter().filter(|c| c.step == RepairStep::CutHandles);
+        handles_cut += handles.map(|c| c.count).sum::<usize>();
+        let nearest = nearest_vertices(&found.mesh, &one.mesh);
+        let data = one.data.into_iter().map(|array| carried(array, &nearest));
+        Given {
+            data: data.collect(),
+            mesh: found.mesh,
+        }
+    });
+    Mended {
+        surfaces,
+        notes,
+        handles_cut,
+    }
+}
+
+/// True for one closed, oriented, outward surface without handles whose vertices are all used.
+fn is_sphere(mesh: &TriangleMesh) -> bool {
+    let topology = Topology::new(mesh);
+    topology.is_closed()
+        && topology.is_oriented()
+        && topology.components().count == 1
+        && topology.euler_characteristic() == 2
+        && topology.non_manifold_vertices(mesh).is_empty()
+        && mesh.volume() > 0.0
+}
+
+/// For each vertex of a mesh the nearest vertex of another.
+pub(super) fn nearest_vertices(of: &TriangleMesh, to: &TriangleMesh) -> Vec<u32> {
+    let tree = SurfaceTree::new(&to.vertices, &to.triangles);
+    let nearest = |p: &Point3<f64>| {
+        let found = tree.closest(p, f64::INFINITY)?;
+        let away = |v: &u32| (to.vertices[*v as usize] - p).norm();
+        let corners = to.triangles[found.triangle as usize];
+        corners.into_iter().min_by(|a, b| away(a).total_cmp(&away(b)))
+    };
+    of.vertices.iter().map(|p| nearest(p).unwrap_or(0)).collect()
+}
+
+fn carried(array: PointData, nearest: &[u32]) -> PointData {
+    let count = array.components;
+    let of = |v: &u32| (0..count).map(|k| *v as usize * count + k).collect::<Vec<_>>();
+    let values = nearest.iter().flat_map(of);
+    PointData {
+        values: values
+            .map(|at| array.values.get(at).copied().unwrap_or(f64::NAN))
+            .collect(),
+        ..array
+    }
+}
