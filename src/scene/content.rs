@@ -347,6 +347,8 @@ pub struct SkinSpec {
     pub repair: Option<repair::RepairOptions>,
     /// Stretch above which the result is a warning.
     pub stretch_limit: f64,
+    /// Direction that is up in pictures; `None` for the axis of the greatest extent.
+    pub up: Option<Vector3<f64>>,
     /// Method of the equilibrium; `None` selects it by size.
     pub method: Option<SettleMethod>,
 }

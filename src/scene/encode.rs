@@ -323,6 +323,7 @@ impl Encode for SkinSpec {
             surface,
             repair,
             stretch_limit,
+            up,
             method,
         } = self;
         to.field("name", name);
@@ -335,6 +336,7 @@ impl Encode for SkinSpec {
         }
         to.field("repair", repair);
         to.field("stretch_limit", stretch_limit);
+        to.field("up", up);
         let method = method.map(|method| match method {
             SettleMethod::Newton => "newton",
             SettleMethod::QuasiStatic => "l-bfgs",
@@ -406,10 +408,14 @@ impl Encode for ImplantSpec {
             modulus,
             thickness,
             depth,
+            bond,
+            pocket,
         } = tissue;
         to.field("modulus", modulus);
         to.field("thickness", thickness);
         to.field("depth", depth);
+        to.field("bond", bond);
+        to.field("pocket", pocket);
         to.field("edge", edge);
     }
 }

@@ -120,6 +120,11 @@ fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<SkinSpec> {
             Limit::Within(1.0, 100.0),
             STRETCH_LIMIT,
         )?,
+        up: section
+            .get("up")
+            .map(|item| item.direction())
+            .transpose()?
+            .map(|unit| unit.into_inner()),
         method: section
             .get("method")
             .map(|item| method(&item))
@@ -162,6 +167,18 @@ fn tissue(section: &Section<'_>) -> Read<Tissue> {
             Dimension::Length,
             Limit::Positive,
             default.thickness,
+        )?,
+        bond: section.quantity_or(
+            "bond",
+            Dimension::BondStiffness,
+            Limit::NotNegative,
+            default.bond,
+        )?,
+        pocket: section.quantity_or(
+            "pocket",
+            Dimension::Ratio,
+            Limit::Within(0.0, 1.5),
+            default.pocket,
         )?,
         ..default
     })

@@ -95,7 +95,10 @@ pub(super) const SKIN: Schema = Schema::Listed(&[
     ("edge_length", Text),
     ("thickness", Text),
     ("modulus", Text),
+    ("bond", Text),
+    ("pocket", Plain),
     ("stretch_limit", Plain),
+    ("up", Plain),
     ("method", Text),
 ]);
 

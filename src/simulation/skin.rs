@@ -165,6 +165,7 @@ impl SkinRun {
         .parts()?;
         let plan = Plan::of_skin(&scene, &parts, &obstacles);
         notes.extend(parts.iter().filter_map(|part| small(part, &skin)));
+        notes.extend(parts.iter().filter_map(held_at_border));
         Ok(Self {
             scene,
             skin,
@@ -408,6 +409,18 @@ impl SkinRun {
         }
         x
     }
+}
+
+/// A note on a region that ends at the border of the skin.
+fn held_at_border(part: &SkinPart) -> Option<String> {
+    let edges = part.ready.at_border;
+    (edges > 0).then(|| {
+        format!(
+            "{}: the region ends at the border of the skin, which is held there ({edges} edges); beyond it real skin would give way, \
+             so areas and stretch are upper bounds",
+            part.name
+        )
+    })
 }
 
 /// Parts under construction.

@@ -69,6 +69,8 @@ pub struct Areas {
     /// Volume between the region before and the region over the implant, closed at its fixed
     /// boundary [m^3].
     pub volume_difference: f64,
+    /// The same of the lower layer [m^3]: the room for the implant and the void beside it.
+    pub room: f64,
     /// Greatest stretch of a triangle in any direction.
     pub stretch_max: f64,
 }
@@ -83,6 +85,7 @@ impl Areas {
         );
         Self {
             volume_difference: volume_between(&layers.rest[..n], &x[..n], &layers.triangles),
+            room: volume_between(&layers.rest[n..2 * n], &x[n..2 * n], &layers.triangles),
             stretch_max: max_or_nan(stretches(&layers.rest[..n], &x[..n], &layers.triangles)),
             ..Self::between(before, deformed)
         }
@@ -120,6 +123,7 @@ impl std::iter::Sum for Areas {
             retracted: add(sum.retracted, a.retracted),
             grown: add(sum.grown, a.grown),
             volume_difference: sum.volume_difference + a.volume_difference,
+            room: sum.room + a.room,
             stretch_max: max_or_nan([sum.stretch_max, a.stretch_max]),
         })
     }

@@ -343,6 +343,14 @@ impl SkinError {
             Err(Self::NotPositive { what, value })
         }
     }
+
+    /// Checks a number that must not be negative.
+    pub(super) fn not_negative(what: &'static str, value: f64) -> Result<(), Self> {
+        if value == 0.0 {
+            return Ok(());
+        }
+        Self::positive(what, value)
+    }
 }
 
 #[cfg(test)]

@@ -35,15 +35,23 @@ pub struct Tissue {
     pub thickness: f64,
     /// Distance of the lower layer below the upper one: the depth of the implant [m].
     pub depth: f64,
+    /// Stiffness of the bond of the lower layer to what lies below it, for each area [N/m^3]; 0 for
+    /// none.
+    pub bond: f64,
+    /// Size of the pocket without a bond, relative to the base of the implant: 1 for a pocket that
+    /// is cut to the base, 0 for none.
+    pub pocket: f64,
 }
 
 impl Default for Tissue {
-    /// Assumed values: 0.2 MPa, 2 mm, 5 mm deep.
+    /// Assumed values: 0.2 MPa, 2 mm, 5 mm deep, without a bond.
     fn default() -> Self {
         Self {
             modulus: 2e5,
             thickness: 2e-3,
             depth: 5e-3,
+            bond: 0.0,
+            pocket: 1.0,
         }
     }
 }
@@ -56,7 +64,9 @@ impl Tissue {
     pub fn check(&self) -> Result<(), SkinError> {
         SkinError::positive("the stiffness of the skin", self.modulus)?;
         SkinError::positive("the thickness of the skin", self.thickness)?;
-        SkinError::positive("the depth", self.depth)
+        SkinError::positive("the depth", self.depth)?;
+        SkinError::not_negative("the bond of the skin", self.bond)?;
+        SkinError::not_negative("the size of the pocket", self.pocket)
     }
 
     /// In-plane stiffness E t [N/m].
@@ -124,6 +134,9 @@ pub struct Layers {
     pub stiffness: Stiffness,
     /// Hinges of both layers with a free corner.
     pub hinges: Vec<Hinge>,
+    /// Stiffness of the bond of each vertex of the lower layer to its position at rest [N/m], shape
+    /// `[n]`; empty without a bond.
+    pub bonds: Vec<f64>,
     /// Median edge [m].
     pub edge: f64,
 }
@@ -186,8 +199,23 @@ impl Layers {
             springs,
             stiffness,
             hinges: bent,
+            bonds: Vec::new(),
             edge,
         }
+    }
+
+    /// Bonds the lower layer to its position at rest, with `stiffness` for each area [N/m^3], at
+    /// the vertices for which `is_bonded` holds of the upper vertex at rest.
+    pub fn bond(&mut self, stiffness: f64, is_bonded: impl Fn(&Point3<f64>) -> bool) {
+        if !(stiffness > 0.0) {
+            return;
+        }
+        let areas = self.support().vertex_areas();
+        let upper = self.rest[..self.count()].iter();
+        self.bonds = upper
+            .zip(areas)
+            .map(|(p, area)| if is_bonded(p) { stiffness * area } else { 0.0 })
+            .collect();
     }
 
     /// Adds the hinges of the upper layer at its rim: with the triangles of the `skin` beside the
@@ -228,8 +256,9 @@ impl Layers {
     /// No skin: for an implant alone with edges of about `edge` [m].
     pub fn none(edge: f64) -> Self {
         let (triangles, rest, held, springs, stiffness) = Default::default();
-        let hinges = Vec::new();
+        let (hinges, bonds) = Default::default();
         Self {
+            bonds,
             triangles,
             rest,
             held,

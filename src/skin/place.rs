@@ -93,13 +93,14 @@ pub(super) fn middle(
     }
 }
 
-/// The region of an implant in a patch, with its frame.
+/// The region of an implant in a patch, with its frame and the number of its edges on the border of
+/// the skin.
 pub(super) fn placed(
     taken: &TakenOut,
     topology: &Topology,
     order: &ImplantSpec,
     centre: &Point3<f64>,
-) -> Result<(Region, Isometry3<f64>), SkinError> {
+) -> Result<(Region, Isometry3<f64>, usize), SkinError> {
     let patch = &taken.mesh;
     let seed = nearest_vertex(patch, centre);
     let normal = patch.vertex_normals()[seed as usize];
@@ -114,8 +115,8 @@ pub(super) fn placed(
     let mean = normals.fold(Vector3::zeros(), |sum, n| sum + n);
     frame = self::frame(centre, &mean, order.long.as_ref());
     region = around(patch, topology, seed, order, &frame);
-    check_region(&region, taken, topology, order, &frame)?;
-    Ok((region, frame))
+    let at_border = check_region(&region, taken, topology, order, &frame)?;
+    Ok((region, frame, at_border))
 }
 
 /// Adds the base that fits to an error, where a smaller base can help.
@@ -235,8 +236,8 @@ fn turns(mesh: &TriangleMesh, frame: &Isometry3<f64>) -> Vec<f64> {
     mesh.vertex_normals().iter().map(turn).collect()
 }
 
-/// The longest base whose region does not touch the border of the skin, relative to the present
-/// one: no triangle at the border has a vertex inside.
+/// The longest base with a margin of skin between it and the border, relative to the present one:
+/// no triangle at the border has a vertex within [`NEAR`] outlines.
 fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
     let at_border = topology.boundary_edges();
     let triangles = at_border
@@ -247,9 +248,10 @@ fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
         .map(|v| reach[v as usize]);
     // Finer triangles of a smaller base are nearer to the border; the remaining margin is for the
     // mean normal, which changes.
-    SURELY * nearest.fold(f64::INFINITY, f64::min) / REACH
+    SURELY * nearest.fold(f64::INFINITY, f64::min) / NEAR
 }
 
+/// The number of edges of a region on the border of the skin, where the region ends and is held.
 fn check_region(
     region: &Region,
     TakenOut {
@@ -261,7 +263,7 @@ fn check_region(
     topology: &Topology,
     order: &ImplantSpec,
     frame: &Isometry3<f64>,
-) -> Result<(), SkinError> {
+) -> Result<usize, SkinError> {
     let mut sides = vec![false; topology.edges.len()];
     region.triangles.iter().for_each(|t| {
         topology.triangle_edges[*t as usize]
@@ -269,11 +271,10 @@ fn check_region(
             .for_each(|e| sides[*e as usize] = true)
     });
     let (reach, turn) = (reaches(patch, order, frame), turns(patch, frame));
-    if topology
-        .boundary_edges()
-        .into_iter()
-        .any(|e| sides[e as usize])
-    {
+    let boundary = topology.boundary_edges().into_iter();
+    let ends = boundary.filter(|e| sides[*e as usize]).count();
+    let mut at_border = 0;
+    if ends > 0 {
         let chains = rim(patch, topology, origin);
         let of_skin = chains
             .iter()
@@ -283,22 +284,25 @@ fn check_region(
                 .find_edge(pair[0], pair[1])
                 .is_some_and(|e| sides[e as usize])
         };
-        let edges = of_skin
+        let pairs = of_skin
             .flat_map(|c| c.vertices.windows(2))
-            .filter(|pair| reached(pair))
-            .count();
-        // Only skin that descends beside the implant reaches the boundary of the patch.
-        return Err(if edges > 0 {
-            SkinError::AtBorder {
-                edges,
-                fits: fits(patch, topology, &reach) * order.implant.base,
-            }
-        } else {
-            SkinError::WrapsAround {
+            .filter(|pair| reached(pair));
+        let pairs: Vec<&[u32]> = pairs.collect();
+        // Only skin that descends beside the implant reaches the boundary of the patch elsewhere.
+        if pairs.len() < ends {
+            return Err(SkinError::WrapsAround {
                 base: order.implant.base,
                 fits: None,
-            }
-        });
+            });
+        }
+        // The skin is held at its border, so an implant needs skin around it.
+        if pairs.iter().any(|pair| pair.iter().any(|v| reach[*v as usize] <= NEAR)) {
+            return Err(SkinError::AtBorder {
+                edges: pairs.len(),
+                fits: fits(patch, topology, &reach) * order.implant.base,
+            });
+        }
+        at_border = pairs.len();
     }
     // Under the implant the skin can have folds, but must not turn away as a whole.
     let mut areas = (0.0, 0.0, 0.0f64);
@@ -322,7 +326,7 @@ fn check_region(
             fits: None,
         });
     }
-    Ok(())
+    Ok(at_border)
 }
 
 /// Rejects implants that overlap: the outline of one base extends into another.

@@ -107,6 +107,8 @@ pub struct PreparedPatch {
     pub origin: Vec<u32>,
     /// The region within the patch.
     pub region: Region,
+    /// Number of edges of the region on the border of the skin, which is held.
+    pub at_border: usize,
     /// Both layers.
     pub layers: Layers,
     /// Frame of the first implant: z points out of the body.
@@ -265,10 +267,11 @@ impl PreparedPatch {
         let centres: Vec<Point3<f64>> = patch.places.iter().map(|(_, centre, _)| *centre).collect();
         let taken = patch.taken_out(progress).map_err(|error| (0, error))?;
         let topology = Topology::new(&taken.mesh);
-        let (mut sites, mut triangles) = (Vec::new(), BTreeSet::new());
+        let (mut sites, mut triangles, mut at_border) = (Vec::new(), BTreeSet::new(), 0);
         for (k, (order, centre)) in orders.into_iter().zip(&centres).enumerate() {
-            let (region, frame) = placed(&taken, &topology, order, centre)
+            let (region, frame, edges) = placed(&taken, &topology, order, centre)
                 .map_err(|error| (k, advised(error, skin, order, obstacles)))?;
+            at_border += edges;
             triangles.extend(region.triangles);
             sites.push(Site {
                 order: order.clone(),
@@ -277,7 +280,7 @@ impl PreparedPatch {
         }
         apart(&sites).map_err(|error| (0, error))?;
         let region = Region::of(&taken.mesh, triangles.into_iter().collect());
-        Self::over(taken, region, sites, obstacles).map_err(|error| (0, error))
+        Self::over(taken, (region, at_border), sites, obstacles).map_err(|error| (0, error))
     }
 
     /// Creates both layers of a region over the surfaces below.
@@ -288,7 +291,7 @@ impl PreparedPatch {
             origin,
             ..
         }: TakenOut,
-        region: Region,
+        (region, at_border): (Region, usize),
         mut sites: Vec<Site>,
         obstacles: &[TriangleMesh],
     ) -> Result<Self, SkinError> {
@@ -302,6 +305,12 @@ impl PreparedPatch {
             &inward(&region.mesh, &downs, tissue.depth, obstacles),
         );
         layers.join(&patch, &region, &tissue);
+        layers.bond(tissue.bond, |p| {
+            each.iter().all(|(order, frame)| {
+                let place = frame.inverse_transform_point(p).xy();
+                order.implant.shape.reach(place, order.implant.base) >= tissue.pocket
+            })
+        });
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
         if free < LEAST {
             return Err(SkinError::TooCoarse { vertices: free });
@@ -325,6 +334,7 @@ impl PreparedPatch {
             outside,
             origin,
             region,
+            at_border,
             layers,
             frame,
             others,

@@ -441,6 +441,12 @@ impl SkinSystem {
             let facets = collapse(&self.layers, self.membrane);
             energy.elastic.push(Box::new(facets));
         }
+        let n = self.layers.count();
+        let bonds = self.layers.bonds.iter().enumerate().filter(|(_, k)| **k > 0.0);
+        let bonds = bonds.map(|(v, k)| ((n + v) as u32, start[n + v], Linear::new(*k)));
+        if !self.layers.bonds.is_empty() {
+            energy.elastic.push(Box::new(anchors("bonds", bonds)));
+        }
         for implant in &self.implants {
             let alone = self.layers.springs.is_empty();
             let shell = envelope(&implant.springs, &implant.stiffness, alone);

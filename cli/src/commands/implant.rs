@@ -3,14 +3,20 @@
 mod text;
 
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::failure::Failure;
 use super::options::{Output, PrintScene};
 use super::run::{Job, settings_of_all, stop_on_interrupt};
 use super::scene_text::SceneText;
+use super::morph::nothing_written;
+use super::progress::if_raised;
+use crate::report::folder::{Folder, FolderError};
 use crate::report::run::RunOptions;
+use crate::report::skin::preview;
 use pliant::scene::{Content, FillCourse, ImplantFill, Support};
+use pliant::simulation::SkinRun;
 use pliant::skin::SkinError;
 
 /// Simulate skin over implants: areas before, deformed, retracted and grown; the volume for a
@@ -23,17 +29,24 @@ Examples:
   pliant implant sheet.obj --unit cm --near-vertex 2112 --base 7cm --target-area 30cm2
   pliant implant sheet.obj --unit cm --near-vertex 2112 --base 7cm --volumes 50,100,150
   pliant implant sheet.obj --unit cm --near-vertex 2112 --base 7cm --fill 0:30cc,7:50cc,14:80cc,21:100cc
+  pliant implant body_quads.obj --unit dm --at=0.70,3.77,1.60 --base 14cm --preview
   pliant implant back.ply --unit mm --implant 'near-vertex=310 volume=100cc' --implant 'near-vertex=911 shape=oval volume=80cc'
 
 The command makes a scene of these options and runs it. --print-scene prints the scene; `pliant run`, `plan`, `view`, `study` and
 `accuracy` take it as a file.
 
-Results: report.html, skin.vtp (with `stretch` and `over_limit`), implant_1.vtp, ..., pictures, measures.csv, summary.json, frames
+Results: report.html, skin.vtp (with `stretch`, `over_limit`, `region` (its number; 0.5 less on its rim), `displacement`,
+`lower_layer` (vector to the lower layer) and `lower_displacement`), implant_1.vtp, ..., pictures, measures.csv, summary.json, frames
 for ParaView; curve.csv and curve.svg with --volumes and --fill. `verdicts` of summary.json has each check: skin and implants are
 at rest in every frame. Skin stretched beyond --stretch-limit is no failed check but a finding (`findings`, `area_over_limit_m2`).
 
 \"Volume difference\": the volume between the region before and the region over the implant, closed at its rim. It is more than
-the implant's, by the gap beside it that taut skin spans.
+the implant's, by the gap beside it that taut skin spans. `void_volume_m3` is that gap below the lower layer.
+
+The lower layer is bonded to what lies below it, outside of a pocket that is cut to the base, with --bond for each area: springs of
+length zero that pull it back to where it lay. With --bond '0 N/m3' skin spans freely; with --pocket 0 it is bonded everywhere.
+
+Where a region reaches the border of an open skin it ends there, and the border is held; a note says so.
 
 Obstacles are meshes of bones and the like, in the unit of the skin, under it: at least one must lie under the implant, within
 two bases below the skin. Implant and skin come to lie over them. Without any, the implant lies on what was under the skin
@@ -109,6 +122,23 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     modulus: String,
+    /// Bond of the lower layer of the skin to what lies below, for each area, outside of the
+    /// pocket; 0 N/m3 for skin that spans freely. The default is an assumption
+    #[arg(
+        long,
+        value_name = "STIFFNESS",
+        default_value = "2e6 N/m3",
+        allow_hyphen_values = true
+    )]
+    bond: String,
+    /// Size of the pocket without a bond, in outlines of the base
+    #[arg(
+        long,
+        value_name = "RATIO",
+        default_value_t = 1.0,
+        allow_hyphen_values = true
+    )]
+    pocket: f64,
     /// One of several implants, as 'near-vertex=N volume=80cc shape=oval base=6cm' or with
     /// at=X,Y,Z, long=X,Y,Z or fill=0:30cc,7:60cc; the other options give the values of missing
     /// keys
@@ -146,6 +176,12 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     stretch_limit: f64,
+    /// Show where the implants will lie, upright, with the outlines of base and region, and stop
+    #[arg(long)]
+    preview: bool,
+    /// Direction that is up in pictures [default: the axis of the greatest extent]
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    up: Option<String>,
     /// Mend the skin after reading, as `pliant check --repair` does
     #[arg(long)]
     repair: bool,
@@ -175,6 +211,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     check(&made, &content)?;
     if arguments.print.is_given(made.text()) {
         return Ok(super::DONE);
+    }
+    if let (true, Content::Skin(scene)) = (arguments.preview, &content) {
+        let stop = stop_on_interrupt("stopping; nothing will be written");
+        let out = arguments.output.folder(&name, "implant");
+        let files = ["overview.png", "summary.json", "report.html"].map(str::to_owned);
+        Folder::check(&out, &files)?;
+        let heard = |_: &str, _: usize, _: usize| if_raised(&stop);
+        let run = SkinRun::new_with(scene.as_ref().clone(), &heard);
+        if stop.load(Ordering::Relaxed) {
+            return Ok(nothing_written());
+        }
+        let run = run.map_err(|error| made.of_load(error))?;
+        let time_s = begun.elapsed().as_secs_f64();
+        let output = preview(&run, time_s).map_err(FolderError::from)?;
+        return arguments.output.finish(&Folder::open(&out)?, output);
     }
     let stop = stop_on_interrupt("stopping; the frames that are at rest will be written");
     Job {

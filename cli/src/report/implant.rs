@@ -1,5 +1,6 @@
 //! Skin over implants: tables, pictures, findings and files.
 
+mod overview;
 mod pictures;
 mod section;
 mod tables;
@@ -7,7 +8,7 @@ mod tables;
 use std::io;
 use std::path::Path;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::output::{OutputFile, Picture, Plot};
@@ -49,7 +50,11 @@ pub struct Insertion<'a> {
     pub limit: f64,
     /// What lies under the skin, `implant` or `ball`, in captions.
     pub under: &'static str,
+    /// Direction that is up in pictures, if given.
+    pub up: Option<Vector3<f64>>,
 }
+
+pub(super) use overview::overview;
 
 /// One implant, with the skin that it can share with others.
 struct Single<'a> {
@@ -72,6 +77,7 @@ pub(super) fn json_of(areas: &Areas) -> Value {
         "area_retracted_m2": areas.retracted,
         "area_grown_m2": areas.grown,
         "volume_difference_m3": areas.volume_difference,
+        "room_m3": areas.room,
         "stretch_max": areas.stretch_max,
     })
 }
@@ -93,6 +99,10 @@ pub(super) struct Shown {
     pub skin: TriangleMesh,
     /// The greatest stretch at each vertex.
     pub stretch: Vec<f64>,
+    /// The number of the region at each vertex, from 1; 0 outside, and 0.5 less on its held rim.
+    pub region: Vec<f64>,
+    /// The lower layer at rest and now at each vertex; the upper one outside.
+    pub lower: [Vec<Point3<f64>>; 2],
 }
 
 impl Single<'_> {
@@ -174,6 +184,13 @@ impl Insertion<'_> {
             + 0.0
     }
 
+    /// Volume between the lower layer, what lies below it and the implants [m^3]: a fluid would
+    /// fill it.
+    fn void_volume(&self) -> f64 {
+        let room: f64 = self.implants.iter().map(|(_, done)| done.areas.room).sum();
+        room - self.volume()
+    }
+
     /// Total areas of all implants.
     pub fn areas(&self) -> Areas {
         self.implants.iter().map(|(_, done)| done.areas).sum()
@@ -208,6 +225,7 @@ impl Insertion<'_> {
         });
         json!({
             "implant_volume_m3": self.volume(),
+            "void_volume_m3": self.void_volume(),
             "region": {
                 "vertices": self.count(|r| 2 * r.layers.count()),
                 "triangles": self.count(|r| 2 * r.layers.triangles.len()),
@@ -240,7 +258,13 @@ impl Insertion<'_> {
 
     /// The surfaces and pictures of this number of implants, with the files of a curve.
     pub fn files(implants: usize, curve: bool) -> Vec<String> {
-        let fixed = ["skin.vtp", "stretch.png", "side.png", "before.png"];
+        let fixed = [
+            "skin.vtp",
+            "stretch.png",
+            "side.png",
+            "before.png",
+            "overview.png",
+        ];
         let of_curve = ["curve.csv", "curve.svg"].into_iter().filter(|_| curve);
         let shells = (1..=implants).map(|k| format!("implant_{k}.vtp"));
         let more = |k: usize| ["stretch", "side", "before"].map(|what| format!("{what}_{k}.png"));
@@ -290,11 +314,16 @@ impl Insertion<'_> {
             whole.mesh.vertices.clone(),
             vec![1.0; whole.mesh.vertices.len()],
         );
-        for ((ready, done), names) in self.implants.iter().zip(&whole.vertices) {
+        let mut region = vec![0.0; x.len()];
+        let mut lower = [x.clone(), x.clone()];
+        for (k, ((ready, done), names)) in self.implants.iter().zip(&whole.vertices).enumerate() {
             let at = at_vertices(ready, done);
+            let (layers, n) = (&ready.layers, ready.layers.count());
             for (v, part) in ready.region.vertices.iter().enumerate() {
                 let name = names[*part as usize] as usize;
                 (x[name], stretch[name]) = (done.x[v], at[v]);
+                region[name] = k as f64 + if layers.held[v] { 0.5 } else { 1.0 };
+                (lower[0][name], lower[1][name]) = (layers.rest[n + v], done.x[n + v]);
             }
         }
         let skin = TriangleMesh {
@@ -305,11 +334,13 @@ impl Insertion<'_> {
             whole,
             skin,
             stretch,
+            region,
+            lower,
         }
     }
 }
 
-/// Writes the whole skin with its stretch.
+/// Writes the whole skin with its stretch, region, displacement and lower layer.
 fn write_skin(shown: &Shown, limit: f64, path: &Path) -> io::Result<()> {
     let over = |stretch: &f64| f64::from(u8::from(*stretch > limit));
     let data = vtp::PolyData {
@@ -319,9 +350,19 @@ fn write_skin(shown: &Shown, limit: f64, path: &Path) -> io::Result<()> {
         point_data: vec![
             ("stretch", shown.stretch.clone()),
             ("over_limit", shown.stretch.iter().map(over).collect()),
+            ("region", shown.region.clone()),
+            ("displacement", moved(&shown.whole.mesh.vertices, &shown.skin.vertices)),
+            ("lower_layer", moved(&shown.skin.vertices, &shown.lower[1])),
+            ("lower_displacement", moved(&shown.lower[0], &shown.lower[1])),
         ],
     };
     vtp::write(path, &data)
+}
+
+/// Vectors from one place of each vertex to another, their components together.
+fn moved(from: &[Point3<f64>], to: &[Point3<f64>]) -> Vec<f64> {
+    let vector = |(a, b): (&Point3<f64>, &Point3<f64>)| <[f64; 3]>::from(b - a);
+    from.iter().zip(to).flat_map(vector).collect()
 }
 
 /// Mean of the greatest stretches of a vertex's triangles.

@@ -78,8 +78,16 @@ pub(super) fn scene(arguments: &Arguments) -> Result<(String, SceneText), Failur
     }
     made.put_text("thickness", "--thickness", &arguments.thickness);
     made.put_text("modulus", "--modulus", &arguments.modulus);
+    made.put_text("bond", "--bond", &arguments.bond);
+    let pocket = number(arguments.pocket);
+    made.put("pocket", &pocket, &format!("--pocket {pocket}"));
     let limit = number(arguments.stretch_limit);
     made.put("stretch_limit", &limit, &format!("--stretch-limit {limit}"));
+    if let Some(up) = &arguments.up {
+        let numbers = triple("--up", up)?.map(number);
+        let option = format!("--up {up}");
+        made.put("up", format!("[{}]", numbers.join(", ")), &option);
+    }
     if let Some(method) = &arguments.method {
         made.put_text("method", "--method", method);
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 
+use super::overview::{Outlines, overview, upright};
 use super::section::part;
 use super::{Insertion, Picture, Shown, Single};
 use pliant::contact::Surface as Rays;
@@ -28,6 +29,9 @@ const TESTED: usize = 400;
 
 /// Least upper end of the colour range, which is a round stretch.
 const LEAST: f64 = 1.05;
+
+/// Least sine of the angle between the direction of view and what is up.
+const LEVEL: f64 = 0.3;
 
 /// Colour of the limit of the stretch.
 const LIMIT: Rgb = [0.88, 0.10, 0.12];
@@ -66,11 +70,15 @@ impl Insertion<'_> {
                 all.push(picture("side", number, caption, self.section(shown, k)?));
             }
             let caption = if groups.len() == 1 {
-                "Before".to_owned()
+                "Before: outline of the base (red) and of the region (blue)".to_owned()
             } else {
                 format!("Before, at {which}")
             };
             all.push(picture("before", g, caption, stage.before()?));
+        }
+        let ready: Vec<_> = self.implants.iter().map(|(ready, _)| ready).collect();
+        if !ready.is_empty() {
+            all.push(overview(self.skin, &ready, self.up)?);
         }
         Ok(all)
     }
@@ -195,11 +203,13 @@ impl<'a> Stage<'a> {
         });
         let rays = (!rest.triangles.is_empty()).then(|| Rays::new(&rest));
         let (from, front) = free_direction(&group.axes, &tested, rays.as_ref());
-        let up = if from.cross(&group.axes[0]).norm() > 0.1 {
-            group.axes[0]
-        } else {
-            group.axes[1]
-        };
+        // Upright where one does not look from above or below.
+        let upright = upright(insertion.skin, insertion.up);
+        let ups = [upright, group.axes[0], group.axes[1]];
+        let up = ups
+            .into_iter()
+            .find(|up| from.cross(up).norm() > LEVEL)
+            .unwrap_or(group.axes[1]);
         Self {
             insertion,
             shown,
@@ -289,8 +299,11 @@ impl<'a> Stage<'a> {
         // As wide as with a legend, so that both pictures match.
         let canvas = Canvas::new(SIZE.0, SIZE.1).with_right(legend.width());
         let camera = Camera::fit(self.focus.iter().copied(), &self.view, canvas);
-        let mut frame = render(&Drawing::of([surface]), &camera);
-        frame.title("before", TextStyle::Title);
+        let outlines = Outlines::of(self.insertion.implants.iter().map(|(ready, _)| ready));
+        let [rims, bases] = outlines.lines();
+        let drawing = Drawing::of([surface]).with_lines(rims).with_lines(bases);
+        let mut frame = render(&drawing, &camera);
+        frame.title("before: base red, region blue", TextStyle::Title);
         frame.to_png()
     }
 }

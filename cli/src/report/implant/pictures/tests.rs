@@ -32,6 +32,7 @@ fn inserted<'a>(skin: &'a TriangleMesh, places: &[Vector3<f64>]) -> Insertion<'a
         obstacles: &[],
         curve: Vec::new(),
         limit: 1.05,
+        up: None,
         under: "implant",
     }
 }
