@@ -116,9 +116,10 @@ impl Attachment {
             });
             let k = usize::from(far[1] < far[0]);
             let end = [MuscleEnd::Origin, MuscleEnd::Insertion][k];
-            let off = plate.vertices.iter().filter_map(|p| {
-                tree.closest(p, f64::INFINITY).map(|found| found.distance)
-            });
+            let off = plate
+                .vertices
+                .iter()
+                .filter_map(|p| tree.closest(p, f64::INFINITY).map(|found| found.distance));
             let off = median(off.collect()).ok_or(AttachmentError::Empty { end })?;
             let inside = plate.vertices.iter().filter(|p| solid.contains(p)).count();
             if off > ON_SURFACE * muscle.length() && 2 * inside > plate.vertices.len() {
@@ -197,7 +198,9 @@ impl Frame {
         let mut spread = Matrix3::zeros();
         for t in 0..muscle.triangles.len() {
             let corners = muscle.corners(t);
-            let area = (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).norm();
+            let area = (corners[1] - corners[0])
+                .cross(&(corners[2] - corners[0]))
+                .norm();
             for p in corners {
                 let off = p.coords - middle;
                 let off = off - action * off.dot(&action);
@@ -242,9 +245,8 @@ impl Frame {
                 .sheet
                 .iter()
                 .flat_map(|sheet| (0..sheet.triangles.len()).map(|t| sheet.corners(t)));
-            let middle = |[a, b, c]: [Point3<f64>; 3]| {
-                Point3::from((a.coords + b.coords + c.coords) / 3.0)
-            };
+            let middle =
+                |[a, b, c]: [Point3<f64>; 3]| Point3::from((a.coords + b.coords + c.coords) / 3.0);
             on_surface.chain(inside).map(middle).collect::<Vec<_>>()
         });
         let last = starts[0].iter().map(|p| self.along(p));
@@ -274,7 +276,8 @@ impl Frame {
     /// A sheet through the middle of each section, across the wide side, over the first part of
     /// the length.
     fn central(&self, muscle: &TriangleMesh, solid: &Solid<'_>, share: f64) -> TriangleMesh {
-        let mut sections = vec![(Vector3::zeros(), 0.0, [f64::INFINITY, f64::NEG_INFINITY]); SECTIONS];
+        let mut sections =
+            vec![(Vector3::zeros(), 0.0, [f64::INFINITY, f64::NEG_INFINITY]); SECTIONS];
         let areas = muscle.vertex_areas();
         for (p, area) in muscle.vertices.iter().zip(areas) {
             let k = (self.along(p) * SECTIONS as f64) as usize;
@@ -293,13 +296,13 @@ impl Frame {
                 continue;
             }
             let middle = sum / *weight;
-            let middle = middle
-                + self.action * (self.from + along * self.length - middle.dot(&self.action));
+            let middle =
+                middle + self.action * (self.from + along * self.length - middle.dot(&self.action));
             let point = |i: usize| {
                 let across = least + (most - least) * (i as f64 + 0.5) / ACROSS as f64;
                 let p = Point3::from(middle + self.thin * (across - middle.dot(&self.thin)));
-                let deep = solid.contains_as_given(&p)
-                    && solid.wall(&p, BELOW * self.length).is_none();
+                let deep =
+                    solid.contains_as_given(&p) && solid.wall(&p, BELOW * self.length).is_none();
                 deep.then_some(p)
             };
             let row = (0..ACROSS).map(|i| {

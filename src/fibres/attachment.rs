@@ -75,7 +75,10 @@ impl Area {
         };
         let first = muscle.vertices.len() as u32;
         triangles.extend(sheet.triangles.iter().map(|t| t.map(|v| v + first)));
-        SurfaceTree::new(&[&muscle.vertices[..], &sheet.vertices].concat(), &triangles)
+        SurfaceTree::new(
+            &[&muscle.vertices[..], &sheet.vertices].concat(),
+            &triangles,
+        )
     }
 }
 

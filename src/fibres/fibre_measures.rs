@@ -59,7 +59,9 @@ pub fn end_tilts(line: &[Point3<f64>]) -> Option<[f64; 2]> {
 pub fn turns_back(line: &[Point3<f64>]) -> bool {
     let points = resample(line, 21);
     let steps: Vec<Vector3<f64>> = points.windows(2).map(|s| s[1] - s[0]).collect();
-    let inner = steps.get(1..steps.len().saturating_sub(1)).unwrap_or_default();
+    let inner = steps
+        .get(1..steps.len().saturating_sub(1))
+        .unwrap_or_default();
     inner.iter().enumerate().any(|(k, a)| {
         inner[k + 1..]
             .iter()

@@ -139,7 +139,12 @@ mod tests {
         assert!(length(&fibres[0]) < length(&line));
         // What twenty passes do to the bend of the whole fibre, and to a zigzag on it.
         let mut few = vec![line.clone()];
-        few[0].iter_mut().skip(1).step_by(2).take(8).for_each(|p| p.y += 0.001);
+        few[0]
+            .iter_mut()
+            .skip(1)
+            .step_by(2)
+            .take(8)
+            .for_each(|p| p.y += 0.001);
         let twenty = Smoothing {
             steps: 20,
             factor: 0.5,

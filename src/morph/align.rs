@@ -249,8 +249,9 @@ fn moved(
         offset * (share * radius / offset.norm().max(share * radius))
     };
     let steps: Vec<Vector3<f64>> = from.iter().zip(targets).map(step).collect();
-    let near = |p: &Point3<f64>, q: &Point3<f64>| bump((p - q).norm() / radius);
-    let matrix = DMatrix::from_fn(from.len(), from.len(), |i, j| near(&from[i], &from[j]));
+    let matrix = DMatrix::from_fn(from.len(), from.len(), |i, j| {
+        bump((from[i] - from[j]).norm() / radius)
+    });
     let right = DMatrix::from_fn(from.len(), 3, |i, k| steps[i][k]);
     // Features in one place have no such field.
     let Some(factor) = matrix.cholesky() else {
@@ -260,7 +261,7 @@ fn moved(
     let moved = |p: &Point3<f64>| {
         let mut by = Vector3::zeros();
         for (j, f) in from.iter().enumerate() {
-            let near = near(p, f);
+            let near = bump((p - f).norm() / radius);
             (0..3).for_each(|k| by[k] += near * weights[(j, k)]);
         }
         if by == Vector3::zeros() {

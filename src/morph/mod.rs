@@ -15,6 +15,7 @@ pub(crate) mod pose;
 pub mod register;
 mod shape_similarity;
 pub(crate) mod sphere;
+mod volume;
 mod warp;
 
 pub use correspondence::{
@@ -27,3 +28,4 @@ pub use align::AlignError;
 pub use correspondence::Correspondence;
 pub use distortion::Distortion;
 pub use sphere::{Relaxation, SphereError, flipped};
+pub use volume::by_volume;

@@ -296,7 +296,10 @@ fn check_region(
             });
         }
         // The skin is held at its border, so an implant needs skin around it.
-        if pairs.iter().any(|pair| pair.iter().any(|v| reach[*v as usize] <= NEAR)) {
+        if pairs
+            .iter()
+            .any(|pair| pair.iter().any(|v| reach[*v as usize] <= NEAR))
+        {
             return Err(SkinError::AtBorder {
                 edges: pairs.len(),
                 fits: fits(patch, topology, &reach) * order.implant.base,

@@ -442,7 +442,12 @@ impl SkinSystem {
             energy.elastic.push(Box::new(facets));
         }
         let n = self.layers.count();
-        let bonds = self.layers.bonds.iter().enumerate().filter(|(_, k)| **k > 0.0);
+        let bonds = self
+            .layers
+            .bonds
+            .iter()
+            .enumerate()
+            .filter(|(_, k)| **k > 0.0);
         let bonds = bonds.map(|(v, k)| ((n + v) as u32, start[n + v], Linear::new(*k)));
         if !self.layers.bonds.is_empty() {
             energy.elastic.push(Box::new(anchors("bonds", bonds)));

@@ -4,6 +4,7 @@ mod correspondence;
 mod overlay;
 mod register;
 mod sphere;
+mod volume;
 
 use nalgebra::Point3;
 use pliant::mesh::TriangleMesh;

@@ -25,7 +25,8 @@ use pliant::fibres::harmonic::{DecompositionError, HarmonicOptions};
 use pliant::fibres::quality::{Quality, measure, tendons};
 use pliant::fibres::{
     Area, Attachment, AttachmentError, BoundLines, FibreMeasures, FibreMethod, Fibres, MethodError,
-    RegisteredLines, Smoothing, Template, Tendon, decompose_by, end_tilts, measure_fibres, register, turns_back,
+    RegisteredLines, Smoothing, Template, Tendon, decompose_by, end_tilts, measure_fibres,
+    register, turns_back,
 };
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::{max_or_nan, median};

@@ -7,11 +7,11 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::failure::Failure;
+use super::morph::nothing_written;
 use super::options::{Output, PrintScene};
+use super::progress::if_raised;
 use super::run::{Job, settings_of_all, stop_on_interrupt};
 use super::scene_text::SceneText;
-use super::morph::nothing_written;
-use super::progress::if_raised;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::run::RunOptions;
 use crate::report::skin::preview;

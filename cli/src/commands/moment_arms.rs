@@ -14,7 +14,7 @@ use super::options::Output;
 use super::progress::Stoppable;
 use super::run::stop_on_interrupt;
 use crate::report::folder::{Folder, FolderError};
-use crate::report::moment_arms::{self as files, Swept};
+use crate::report::moment_arms::{self as files, OpenSimNames, Swept};
 use pliant::fibres::harmonic::HarmonicOptions;
 use pliant::format::number;
 use pliant::io::pvd::Collection;
@@ -36,6 +36,7 @@ Examples:
   pliant moment-arms hip --joint hip --from=-10deg --to 60deg
   pliant moment-arms examples/right-hip-muscles.toml --joint hip --compare literature_Blemker2005_envelopes.csv
   pliant moment-arms examples/right-hip-muscles.toml --joint hip --axis 0,0,1 --coordinate hip_adduction --to 20deg
+  pliant moment-arms right-hip.toml --joint hip --opensim /jointset/hip_r/hip_flexion_r --forces 'gluteus maximus=glmax2_r'
 
 A moment arm is -dL/dq, of a fibre's length L over the joint's angle q: positive where pulling turns the joint towards greater
 angles. Angle 0 is where the meshes are. A joint is a bone's motion with centre and axis; `joint = \"hip\"` there gives it a
@@ -44,8 +45,9 @@ unit (psoas_r_moment_arm_m), or rows muscle,coordinate,bound,angle_deg,moment_ar
 envelope.
 
 Results in pliant-out/NAME-moment-arms: moment_arms.csv (each muscle over the angle), fibres.csv (each fibre), a plot of each
-muscle as .svg, fibres.pvd (open in ParaView; time is the angle in degrees), pictures, summary.json, report.html. Exit codes:
-0 done; 1 a muscle was stopped;
+muscle as .svg, fibres.pvd (open in ParaView; time is the angle in degrees), pictures, summary.json, report.html. With --opensim also
+a set of paths that OpenSim 4.5 and later loads (ModOpReplacePathsWithFunctionBasedPaths) and tables of lengths, moment arms and angles
+(.sto). Exit codes: 0 done; 1 a muscle was stopped;
 2 bad usage or input; 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
@@ -104,6 +106,12 @@ pub(super) struct Arguments {
     /// Name of the angle in tables [default: JOINT_flexion]
     #[arg(long, value_name = "NAME")]
     coordinate: Option<String>,
+    /// Coordinate of a model of OpenSim, such as /jointset/hip_r/hip_flexion_r: also write paths for it
+    #[arg(long, value_name = "PATH", value_parser = coordinate_path)]
+    opensim: Option<String>,
+    /// Forces of that model, as MUSCLE=FORCE,... [default: the names of the muscles]
+    #[arg(long, value_name = "LIST", requires = "opensim", value_parser = forces)]
+    forces: Option<Forces>,
     #[command(flatten)]
     output: Output,
     #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help())]
@@ -127,6 +135,31 @@ fn axis(text: &str) -> Result<Unit<Vector3<f64>>, String> {
     };
     axis.filter(|a| a.iter().all(|v| v.is_finite()))
         .ok_or_else(|| "expected three numbers, such as 0,0,1".to_owned())
+}
+
+/// Muscles of the scene with the forces of a model.
+#[derive(Clone, Debug)]
+struct Forces(Vec<(String, String)>);
+
+fn forces(text: &str) -> Result<Forces, String> {
+    let pair = |part: &str| {
+        let (muscle, force) = part.split_once('=')?;
+        let (muscle, force) = (muscle.trim(), force.trim());
+        // Names of muscles can have spaces, those of a model cannot.
+        let is_path = !force.is_empty() && !force.contains(char::is_whitespace);
+        (is_path && !muscle.is_empty()).then(|| (muscle.to_owned(), force.to_owned()))
+    };
+    let all: Option<Vec<_>> = text.split(',').map(pair).collect();
+    all.map(Forces).ok_or_else(|| {
+        "expected MUSCLE=FORCE, such as gluteus=glmax1_r,iliacus=iliacus_r".to_owned()
+    })
+}
+
+fn coordinate_path(text: &str) -> Result<String, String> {
+    let is_path = text.starts_with('/') && text.len() > 1 && !text.contains(char::is_whitespace);
+    is_path.then(|| text.to_owned()).ok_or_else(|| {
+        "expected an absolute path, such as /jointset/hip_r/hip_flexion_r".to_owned()
+    })
 }
 
 fn around(text: &str) -> Result<usize, String> {
@@ -270,6 +303,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let out = arguments.output.folder(&name, "moment-arms");
     let mut running = SweepRun::new(*scene, &sweep)?;
     check_smooth(running.angles.len(), arguments.smooth)?;
+    let opensim = arguments.opensim.clone().map(|coordinate| OpenSimNames {
+        coordinate,
+        forces: arguments
+            .forces
+            .clone()
+            .map_or(Vec::new(), |forces| forces.0),
+    });
+    if let Some(names) = &opensim {
+        let is_known = |name: &str| running.muscles.iter().any(|m| m.name == name);
+        if let Some((name, _)) = names.forces.iter().find(|(name, _)| !is_known(name)) {
+            let known: Vec<&str> = running.muscles.iter().map(|m| m.name.as_str()).collect();
+            return Err(Failure::usage(
+                format!("--forces: no muscle `{name}` crosses the joint"),
+                format!("the muscles are {}", known.join(", ")),
+            ));
+        }
+    }
     let folder = Folder::open(&out)?;
     let values = running.angles.len();
     let mut written = Written {
@@ -306,6 +356,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         by: sweep.by,
         time_s: begun.elapsed().as_secs_f64(),
         interrupted: running.done() < running.angles.len() && stop.load(Ordering::Relaxed),
+        opensim,
     };
     let output =
         files::output(&swept, &running, &arms, series, &pictures).map_err(FolderError::from)?;

@@ -12,18 +12,22 @@ use super::options::Output;
 use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{interrupted, length_unit, warn};
-use mending::{Mended, mended, nearest_vertices};
 use crate::report::folder::{Folder, FolderError};
+use crate::report::morph::volume::VolumeMorph;
 use crate::report::morph::{Carried, Morph, Shape};
+use mending::{Mended, mended, nearest_vertices};
 use pliant::io::{self, PointData};
 use pliant::mesh::TriangleMesh;
-use pliant::morph::AlignError;
 use pliant::morph::blend::{self, BlendError, Laplacian};
+use pliant::morph::{AlignError, by_volume};
 use pliant::morph::{
     Correspondence, CorrespondenceError, CorrespondenceMethod, CorrespondenceSettings, Shared,
 };
 use pliant::morph::{Relaxation, SphereError};
 use pliant::simulation::LoadError;
+
+/// Number of cells along the longest side of two bodies.
+const CELLS: u16 = 64;
 
 /// Blend two closed surfaces: their correspondence, intermediate shapes and intermediate point data
 #[derive(Debug, clap::Args)]
@@ -32,11 +36,16 @@ Examples:
   pliant morph neutral.obj smile.obj
   pliant morph left.vtp right.vtp --unit mm --pairs pairs.txt --blend laplacian --frames 48
   pliant morph a.obj b.obj --topology first --method relaxation --json > summary.json
+  pliant morph hip_bone.obj sacrum.obj --unit m --method volume --cells 96
 
 Both surfaces must be closed, in one piece and without handles. One that is not is mended first: coincident vertices are merged, holes
-closed, all but the largest piece left out, handles cut. The result says so, and ends at the mended surface. Each is
+closed, small pieces left out, handles cut. The result says so, and ends at the mended surface. Each is
 spread over a sphere without folds, the first is turned and deformed until like parts lie over each other, and with `--topology merged`
 the surface in between has the vertices and edges of both, so that both ends are reproduced exactly; with `first` it has those of A.
+
+--method volume blends the signed distances of both bodies in place of their surfaces, in a frame that moves and stretches from A to
+B: for bodies with handles and pieces, which appear and vanish on the way. It has no pairs, blends, topologies and numbers at vertices;
+frames are surfaces of their own, and measures.csv has pieces and handles.
 
 PAIRS is a text file with a line `VERTEX_OF_A VERTEX_OF_B` for each pair that must meet, vertices counted from 0 as in the files,
 or six coordinates `X Y Z X Y Z` in the unit of the files, each of which means the nearest vertex; # begins a comment.
@@ -62,9 +71,12 @@ pub(super) struct Arguments {
     /// File of pairs of vertices that must coincide
     #[arg(long, value_name = "FILE")]
     pairs: Option<PathBuf>,
-    /// Method of the map to the sphere
-    #[arg(long, value_name = "NAME", default_value = "robust", value_parser = ["robust", "relaxation"])]
+    /// Method: maps to the sphere, or distance fields (volume)
+    #[arg(long, value_name = "NAME", default_value = "robust", value_parser = ["robust", "relaxation", "volume"])]
     method: String,
+    /// Number of cells along the longest side, for --method volume [default: 64]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=512))]
+    cells: Option<u16>,
     /// Method of the blend
     #[arg(long, value_name = "NAME", default_value = "linear", value_parser = ["linear", "hermite", "laplacian"])]
     blend: String,
@@ -129,17 +141,36 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let name = name_of(paths);
     let out = arguments.output.folder(&name, "morph");
     arguments.output.threads.start();
-    Folder::check(&out, &Morph::files(&name))?;
+    let files = match arguments.method.as_str() {
+        "volume" => VolumeMorph::files(&name),
+        _ => Morph::files(&name),
+    };
+    Folder::check(&out, &files)?;
+    of_method(arguments)?;
     let given = [read(paths[0], scale)?, read(paths[1], scale)?];
     let as_read = given.each_ref().map(|one| one.mesh.clone());
     let mut pairs = arguments.pairs.as_ref().map_or(Ok(Vec::new()), |file| {
         pairs::read(file, as_read.each_ref(), paths, scale)
     })?;
+    let by_volume = arguments.method == "volume";
     let Mended {
         surfaces: [a, b],
         notes,
         handles_cut,
-    } = mended(given, paths);
+    } = mended(given, paths, by_volume);
+    if by_volume {
+        let volume = VolumeMorph {
+            files: paths.map(|p| p.display().to_string()),
+            meshes: [&a.mesh, &b.mesh],
+            shapes: Vec::new(),
+            cells: usize::from(arguments.cells.unwrap_or(CELLS)),
+            notes,
+            unit: arguments.unit.as_ref().map(|_| "m"),
+            time_s: 0.0,
+            name,
+        };
+        return run_by_volume(arguments, volume, paths, &out, begun, &stop);
+    }
     let meshes = [&a.mesh, &b.mesh];
     for side in [0, 1] {
         if meshes[side].vertices != as_read[side].vertices {
@@ -197,6 +228,48 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let output = morph.output().map_err(FolderError::from)?;
     arguments.output.finish(&Folder::open(&out)?, output)
+}
+
+/// Refuses options of another method.
+fn of_method(arguments: &Arguments) -> Result<(), Failure> {
+    let (is_volume, cells) = (arguments.method == "volume", arguments.cells.is_some());
+    if is_volume && arguments.pairs.is_some() {
+        return Err(Failure::usage(
+            "--pairs is given, but distance fields know no pairs",
+            "leave it out, or take --method robust",
+        ));
+    }
+    if cells && !is_volume {
+        return Err(Failure::usage(
+            "--cells is given, but only --method volume has cells",
+            "add --method volume",
+        ));
+    }
+    Ok(())
+}
+
+/// Shapes by distance fields.
+fn run_by_volume(
+    arguments: &Arguments,
+    mut volume: VolumeMorph<'_>,
+    paths: [&Path; 2],
+    out: &Path,
+    begun: Instant,
+    stop: &AtomicBool,
+) -> Result<u8, Failure> {
+    let meshes = volume.meshes;
+    let shape = by_volume(meshes, volume.cells)
+        .map_err(|error| refused(&error, paths, meshes, arguments))?;
+    for k in 0..arguments.frames {
+        if stop.load(Ordering::Relaxed) {
+            return Ok(nothing_written());
+        }
+        let t = f64::from(k) / f64::from(arguments.frames - 1);
+        volume.shapes.push((t, shape(t)));
+    }
+    volume.time_s = begun.elapsed().as_secs_f64();
+    let output = volume.output().map_err(FolderError::from)?;
+    arguments.output.finish(&Folder::open(out)?, output)
 }
 
 fn settings(arguments: &Arguments) -> CorrespondenceSettings {

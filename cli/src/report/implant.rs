@@ -226,6 +226,8 @@ impl Insertion<'_> {
         json!({
             "implant_volume_m3": self.volume(),
             "void_volume_m3": self.void_volume(),
+            "bond_n_per_m3": self.implants.first().map(|(ready, _)| ready.order.tissue.bond),
+            "pocket": self.implants.first().map(|(ready, _)| ready.order.tissue.pocket),
             "region": {
                 "vertices": self.count(|r| 2 * r.layers.count()),
                 "triangles": self.count(|r| 2 * r.layers.triangles.len()),
@@ -351,9 +353,15 @@ fn write_skin(shown: &Shown, limit: f64, path: &Path) -> io::Result<()> {
             ("stretch", shown.stretch.clone()),
             ("over_limit", shown.stretch.iter().map(over).collect()),
             ("region", shown.region.clone()),
-            ("displacement", moved(&shown.whole.mesh.vertices, &shown.skin.vertices)),
+            (
+                "displacement",
+                moved(&shown.whole.mesh.vertices, &shown.skin.vertices),
+            ),
             ("lower_layer", moved(&shown.skin.vertices, &shown.lower[1])),
-            ("lower_displacement", moved(&shown.lower[0], &shown.lower[1])),
+            (
+                "lower_displacement",
+                moved(&shown.lower[0], &shown.lower[1]),
+            ),
         ],
     };
     vtp::write(path, &data)

@@ -1,5 +1,7 @@
 //! Files of a sweep of a joint: curves as tables and plots, fibres for ParaView, pictures, a page.
 
+mod opensim;
+
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde_json::{Value, json};
 
@@ -32,6 +34,8 @@ const MUSCLES: [Rgb; 5] = [
 /// Margin around the muscles in a picture, relative to their extent.
 const AROUND: f64 = 0.15;
 
+pub use opensim::OpenSimNames;
+
 /// Parameters of the sweep, for the report.
 #[derive(Clone, Debug)]
 pub struct Swept {
@@ -47,6 +51,8 @@ pub struct Swept {
     pub time_s: f64,
     /// True if the user stopped the sweep.
     pub interrupted: bool,
+    /// Names of a model of OpenSim, if paths for it are written.
+    pub opensim: Option<OpenSimNames>,
 }
 
 /// Writes the fibres at the last angle, for ParaView, and adds them to the series.
@@ -239,7 +245,7 @@ fn of_muscle(arms: &Arms, muscle: &CrossingMuscle) -> Value {
 /// # Errors
 /// A picture that cannot be encoded.
 pub fn output<'a>(
-    swept: &Swept,
+    swept: &'a Swept,
     running: &SweepRun,
     arms: &'a [Arms],
     series: Collection,
@@ -257,10 +263,28 @@ pub fn output<'a>(
     if arms.iter().any(|a| !a.compared.is_empty()) {
         tables.push(comparisons(arms));
     }
+    let names = swept.opensim.as_ref();
+    let paths = names.map(|names| names.paths(arms)).unwrap_or_default();
+    let mut measures = to_json(swept, running, arms);
+    if names.is_some() {
+        tables.push(opensim::table(&paths));
+        measures["opensim"] = opensim::to_json(&paths);
+    }
+    let findings = paths
+        .iter()
+        .filter_map(opensim::FittedPath::finding)
+        .collect();
+    let mut files = vec![OutputFile::new("fibres.pvd", move |path| {
+        series.write(path)
+    })];
+    if let Some(names) = names {
+        files.extend(opensim::files(&swept.scene, names, paths, arms));
+    }
     Ok(RunOutput {
         kind: "moment_arms",
         name: swept.scene.clone(),
-        measures: to_json(swept, running, arms),
+        measures,
+        findings,
         verdicts: verdicts(running, arms),
         notes: notes(running, arms),
         interrupted: swept.interrupted,
@@ -284,9 +308,7 @@ pub fn output<'a>(
         pictures: encoded(pictures)?,
         explanations: explanations(swept.by),
         data: vec![means(arms), each(arms)],
-        files: vec![OutputFile::new("fibres.pvd", move |path| {
-            series.write(path)
-        })],
+        files,
         ..RunOutput::default()
     })
 }

@@ -2,6 +2,7 @@
 
 mod pictures;
 mod tables;
+pub mod volume;
 
 use std::io;
 use std::path::Path;
@@ -228,7 +229,9 @@ pub struct Summary {
 /// Volume of the shape at half, relative to that of a body whose size is the mean of both; `None`
 /// without such a shape.
 fn halfway(shapes: &[Shape], volumes: &[f64]) -> Option<f64> {
-    let k = shapes.iter().position(|shape| (shape.t - 0.5).abs() <= 1e-9)?;
+    let k = shapes
+        .iter()
+        .position(|shape| (shape.t - 0.5).abs() <= 1e-9)?;
     let size = 0.5 * (volumes.first()?.cbrt() + volumes.last()?.cbrt());
     Some(volumes[k] / (size * size * size))
 }

@@ -440,7 +440,13 @@ impl Registration<'_> {
         let shown = (&registration.points[..], &a.triangles[..]);
         let around = (&b.vertices[..], &b.triangles[..]);
         let title = "after: A by its distance from B";
-        self.by_distance(shown, &registration.distances, max_or_nan(on), around, title)
+        self.by_distance(
+            shown,
+            &registration.distances,
+            max_or_nan(on),
+            around,
+            title,
+        )
     }
 
     /// B coloured by its distance from A, and A around it.
@@ -450,7 +456,13 @@ impl Registration<'_> {
         let around = (&registration.points[..], &a.triangles[..]);
         let distances = &registration.distances_back;
         let most = max_or_nan(distances.iter().copied());
-        self.by_distance(shown, distances, most, around, "after: B by its distance from A")
+        self.by_distance(
+            shown,
+            distances,
+            most,
+            around,
+            "after: B by its distance from A",
+        )
     }
 
     fn by_distance(

@@ -457,7 +457,12 @@ pub(crate) fn preview(run: &SkinRun, time_s: f64) -> Result<RunOutput<'_>, Pictu
             let largest = order.implant.largest(part.ready.layers.edge);
             table.row([
                 part.name.clone(),
-                format!("{:.1}, {:.1}, {:.1}", 1e3 * centre.x, 1e3 * centre.y, 1e3 * centre.z),
+                format!(
+                    "{:.1}, {:.1}, {:.1}",
+                    1e3 * centre.x,
+                    1e3 * centre.y,
+                    1e3 * centre.z
+                ),
                 format!("{:.1}", 1e3 * order.implant.base),
                 format!("{:.1}", 1e4 * areas.before),
                 part.ready.layers.count().to_string(),

@@ -708,3 +708,57 @@ fn ctrl_c_ends_with_its_code_and_writes_nothing() {
         "{rest}"
     );
 }
+
+#[test]
+fn aponeuroses_make_short_fibres_and_a_table_tells_how_short() {
+    let muscle = Cylinder::new();
+    let table = muscle.scratch.join("table.csv");
+    let rows = "muscle,optimal_fiber_length_m\nshort,0.05\nlong,0.15\nwrong,-1\n";
+    fs::write(&table, rows).expect("a table");
+    let row = |name: &str| format!("{}#{name}", shown(&table));
+    let (done, out) = muscle.run(
+        "plates",
+        &[
+            "--aponeurosis",
+            "0.75",
+            "--architecture",
+            &row("short,long"),
+        ],
+    );
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let found = measures(&json(&out.join("summary.json")));
+    let ratio = of(&found, "length_median_m") / 0.1;
+    assert!((of(&found, "optimal_length_ratio") / ratio - 1.0).abs() <= 1e-9);
+    assert!(of(&found, "length_median_m") < 0.5 * LENGTH);
+    assert_eq!(
+        (&found["aponeurosis"], &found["turns_back"]),
+        (&"0.75".into(), &0.into())
+    );
+    for (more, expected) in [
+        (&["--aponeurosis", "1.5"][..], "a share from 0 to 0.95"),
+        (&["--aponeurosis", "80deg"], "an angle from 1 to 60 degrees"),
+        (
+            &["--aponeurosis", "bipenate"],
+            "no file, no share, no angle and no kind",
+        ),
+        (
+            &["--aponeurosis", "auto", "--method", "slices"],
+            "knows no aponeuroses",
+        ),
+        (&["--architecture", "table.csv"], "names no row"),
+        (&["--architecture", "none.csv#a"], "cannot read"),
+        (&["--architecture", &row("absent")], "has no row absent"),
+        (
+            &["--architecture", &row("wrong")],
+            "line 4: `-1` is no length",
+        ),
+    ] {
+        let (refused, _) = muscle.run("refused", more);
+        assert_eq!(refused.status.code(), Some(2), "{more:?}");
+        assert!(
+            text(&refused.stderr).contains(expected),
+            "{}",
+            text(&refused.stderr)
+        );
+    }
+}

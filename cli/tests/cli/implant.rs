@@ -341,3 +341,81 @@ fn ctrl_c_keeps_the_volumes_that_are_done() {
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("interrupted"));
 }
+
+#[test]
+fn a_preview_shows_where_and_computes_nothing() {
+    let scratch = Scratch::folder();
+    let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
+    fs::write(&file, sheet(40)).unwrap();
+    let common = [
+        "implant",
+        shown(&file),
+        "--unit",
+        "cm",
+        "--base",
+        "7cm",
+        "--out",
+        shown(&out),
+    ];
+    let done = run(&[
+        &common[..],
+        &["--at", "0,0,0", "--preview", "--up", "0,1,0", "--json"],
+    ]
+    .concat());
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let one = &summary["implant_preview"]["implants"][0];
+    assert_eq!(one["border_edges"], 0);
+    assert!((one["base_m"].as_f64().unwrap() - 0.07).abs() <= 1e-12);
+    assert!(out.join("overview.png").exists() && !out.join("skin.vtp").exists());
+    // The region reaches the border of the sheet, 1.5 times as wide as the base, and is held there.
+    let near = run(&[&common[..], &["--at", "5.5,0,0", "--preview", "--json"]].concat());
+    let near: Value = serde_json::from_slice(&near.stdout).unwrap();
+    assert!(
+        near["implant_preview"]["implants"][0]["border_edges"]
+            .as_u64()
+            .unwrap()
+            > 0
+    );
+    let notes = near["notes"].as_array().unwrap();
+    assert!(
+        notes
+            .iter()
+            .any(|n| n.as_str().unwrap().contains("ends at the border"))
+    );
+    let wrong = run(&[&common[..], &["--at", "0,0,0", "--preview", "--up", "0,1"]].concat());
+    assert_eq!(wrong.status.code(), Some(2));
+}
+
+#[test]
+fn a_bond_halves_the_void_beside_an_implant() {
+    let scratch = Scratch::folder();
+    let file = scratch.join("sheet.obj");
+    fs::write(&file, sheet(40)).unwrap();
+    let void = |bond: &str| {
+        let out = scratch.join("out");
+        let done = run(&[
+            "implant",
+            shown(&file),
+            "--unit",
+            "cm",
+            "--base",
+            "7cm",
+            "--at",
+            "0,0,0",
+            "--volume",
+            "100cc",
+            "--bond",
+            bond,
+            "--json",
+            "--quiet",
+            "--out",
+            shown(&out),
+        ]);
+        assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+        let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
+        summary["implant"]["void_volume_m3"].as_f64().unwrap()
+    };
+    let (free, bonded) = (void("0 N/m3"), void("2e6 N/m3"));
+    assert!(free > 1e-5 && bonded < 0.65 * free, "{free} {bonded}");
+}

@@ -32,6 +32,12 @@ fn the_built_in_hip() {
     let done = run(&[
         &SMALL[..],
         &["--json", "--compare", shown(&table), "--out", shown(&out)],
+        &[
+            "--opensim",
+            "/jointset/hip_r/hip_flexion_r",
+            "--forces",
+            "gluteus=glmax1_r",
+        ],
     ]
     .concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
@@ -79,6 +85,50 @@ fn the_built_in_hip() {
             .count()
     };
     assert_eq!((rows("moment_arms.csv"), rows("fibres.csv")), (8, 71));
+    // A polynomial for OpenSim is that of the tables beside it, up to the errors that it states.
+    let path = &said["opensim"][0];
+    assert_eq!(path["force"], "/forceset/glmax1_r");
+    let coefficients: Vec<f64> =
+        serde_json::from_value(path["coefficients"].clone()).expect("numbers");
+    let table = |name: &str| -> Vec<Vec<f64>> {
+        let text = fs::read_to_string(out.join(format!("hip_{name}.sto"))).expect("a table");
+        let (head, body) = text.split_once("endheader\n").expect("a header");
+        assert!(head.contains("inDegrees=no"));
+        let rows = body.lines().skip(1);
+        rows.map(|row| {
+            row.split('\t')
+                .map(|cell| cell.parse().expect("a number"))
+                .collect()
+        })
+        .collect()
+    };
+    let (lengths, arms) = (table("path_lengths"), table("moment_arms"));
+    for (k, row) in table("coordinate_values").iter().enumerate() {
+        let q = row[1];
+        let power = |(i, c): (usize, &f64)| c * q.powi(i as i32);
+        let length: f64 = coefficients.iter().enumerate().map(power).sum();
+        let slope: f64 = (1..coefficients.len())
+            .map(|i| i as f64 * coefficients[i] * q.powi(i as i32 - 1))
+            .sum();
+        assert!(
+            (length - lengths[k][1]).abs() <= 1e-3,
+            "{length} {}",
+            lengths[k][1]
+        );
+        assert!(
+            (-slope - arms[k][1]).abs() <= 5e-3,
+            "{slope} {}",
+            arms[k][1]
+        );
+    }
+    let set = fs::read_to_string(out.join("hip_FunctionBasedPathSet.xml")).expect("a set");
+    for text in [
+        "<FunctionBasedPath name=\"/forceset/glmax1_r\">",
+        "<coordinate_paths>/jointset/hip_r/hip_flexion_r</coordinate_paths>",
+        &format!("<order>{}</order>", coefficients.len() - 1),
+    ] {
+        assert!(set.contains(text), "{text} is not in {set}");
+    }
 }
 
 #[test]
@@ -112,6 +162,34 @@ fn what_cannot_be_is_refused() {
         (
             &["hip", "--joint", "hip", "--count", "100000"],
             "too many to carry",
+        ),
+        (
+            &["hip", "--joint", "hip", "--opensim", "hip_flexion_r"],
+            "expected an absolute path",
+        ),
+        (
+            &[
+                "hip",
+                "--joint",
+                "hip",
+                "--opensim",
+                "/j/q",
+                "--forces",
+                "a",
+            ],
+            "expected MUSCLE=FORCE",
+        ),
+        (
+            &[
+                "hip",
+                "--joint",
+                "hip",
+                "--opensim",
+                "/j/q",
+                "--forces",
+                "nobody=f",
+            ],
+            "no muscle `nobody` crosses the joint",
         ),
         (
             &["hip", "--joint", "hip", "--axis", "0,0"],

@@ -358,14 +358,32 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
     });
     let few = with("few.obj", &|m| m.triangles.truncate(2));
     let ring = put(&scratch, "ring.obj", &torus());
-    let cases: [(&Path, &[&str]); 7] = [
+    // What a repair closes without a loss is mended, on either side, and the notes say so.
+    for (path, expected) in [
         (
             &open,
-            &[
-                "open.obj: the surface is open: 3 edges have one triangle only, the first between vertices",
-                "--close-holes` closes",
-            ],
+            "open.obj was mended first: closed 1 hole with 1 triangle",
         ),
+        (&turned, "turned.obj was mended first: turned 1 triangle"),
+        (
+            &inside_out,
+            "inside_out.obj was mended first: turned 320 triangles",
+        ),
+        (&fin, "fin.obj was mended first"),
+        (&ring, "ring.obj was mended first: cut 1 handle"),
+    ] {
+        for pair in [[shown(path), shown(&good)], [shown(&good), shown(path)]] {
+            let few = ["--frames", "2", "--json", "--quiet", "--out", shown(&out)];
+            let done = run(&[&["morph"], &pair[..], &few].concat());
+            let summary: Value = serde_json::from_slice(&done.stdout).expect("a summary");
+            let notes = summary["notes"].to_string();
+            assert!(notes.contains(expected), "{pair:?}: {notes}");
+            let handles = i32::from(expected.contains("handle"));
+            assert_eq!(summary["morph"]["handles_cut"], handles);
+            fs::remove_dir_all(&out).unwrap();
+        }
+    }
+    let cases: [(&Path, &[&str]); 2] = [
         (
             &two,
             &[
@@ -375,37 +393,8 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
             ],
         ),
         (
-            &turned,
-            &[
-                "turned.obj: triangles",
-                "turned against each other",
-                "--repair DIR` mends it",
-            ],
-        ),
-        (
-            &inside_out,
-            &[
-                "inside_out.obj: the surface is inside out: its volume is -4.",
-                "--repair DIR` turns them",
-            ],
-        ),
-        (
-            &fin,
-            &[
-                "fin.obj: the edge between vertices",
-                "has 3 triangles; it must have two",
-            ],
-        ),
-        (
             &few,
             &["few.obj: 162 vertices and 2 triangles; a closed surface needs at least 4 of each"],
-        ),
-        (
-            &ring,
-            &[
-                "ring.obj: the surface has 1 handle (V - E + F = 0)",
-                "cut its handles",
-            ],
         ),
     ];
     for (path, expected) in cases {
@@ -533,5 +522,70 @@ fn torus() -> TriangleMesh {
     TriangleMesh {
         vertices: (0..m * n).map(place).collect(),
         triangles,
+    }
+}
+
+/// A ring of radius 1 about z, 0.4 thick.
+fn ring() -> TriangleMesh {
+    let distance = |p: Point3<f64>| (p.xy().coords.norm() - 1.0).hypot(p.z) - 0.4;
+    let corner = Point3::new(1.6, 1.6, 0.6);
+    pliant::mesh::isosurface(distance, -corner, corner, 0.1)
+}
+
+#[test]
+fn a_ring_is_cut_for_a_map_and_closes_by_volume() {
+    let scratch = Scratch::folder();
+    let a = put(&scratch, "ring.obj", &ring());
+    let b = put(&scratch, "ball.obj", &stretched([1.2; 3]));
+    let out = scratch.join("out");
+    let common = [
+        "morph",
+        shown(&a),
+        shown(&b),
+        "--frames",
+        "5",
+        "--json",
+        "--quiet",
+        "--out",
+        shown(&out),
+    ];
+    // A cut ring is a C, which opens to a ball far away from any middle: only its map is judged.
+    let cut = run(&[&common[..], &["--lenient"]].concat());
+    let cut: Value = serde_json::from_slice(&cut.stdout).expect("a summary");
+    assert_eq!(cut["morph"]["handles_cut"], 1);
+    assert_eq!(cut["morph"]["a"]["map"]["flipped"], 0);
+    let notes = cut["notes"].as_array().expect("notes");
+    assert!(
+        notes
+            .iter()
+            .any(|note| note.as_str().is_some_and(|n| n.contains("cut 1 handle")))
+    );
+    let closed = done(&[&common[..], &["--method", "volume", "--cells", "32"]].concat());
+    let shapes = closed["morph_by_volume"]["shapes"]
+        .as_array()
+        .expect("shapes");
+    assert_eq!(
+        (&shapes[0]["handles"], &shapes[4]["handles"]),
+        (&1.into(), &0.into())
+    );
+    assert!(out.join("frames/ring-ball_000004.vtp").exists());
+    for (more, expected) in [
+        (&["--cells", "32"][..], "--cells is given"),
+        (
+            &["--method", "volume", "--cells", "3"],
+            "3 is not in 8..=512",
+        ),
+        (
+            &["--method", "volume", "--pairs", "none.txt"],
+            "know no pairs",
+        ),
+    ] {
+        let refused = run(&[&common[..], more].concat());
+        assert_eq!(refused.status.code(), Some(2));
+        assert!(
+            text(&refused.stderr).contains(expected),
+            "{}",
+            text(&refused.stderr)
+        );
     }
 }

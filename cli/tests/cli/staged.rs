@@ -92,7 +92,7 @@ fn a_flat_implant_has_areas_frames_and_pictures() {
         3
     );
     let (table, page) = turntable(&fs::read_to_string(out.join("report.html")).unwrap());
-    assert_eq!(page.matches("data:image/png;base64,").count(), 6);
+    assert_eq!(page.matches("data:image/png;base64,").count(), 7);
     assert!(table.contains("data-frames=\"0 1\"") && table.matches("data-pictures").count() == 3);
     assert!(page.contains("area retracted [cm2]") && page.contains("Effects left out"));
     let skin = pliant::io::read(&out.join("frames/skin_0001.vtp"))

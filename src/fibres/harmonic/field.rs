@@ -467,7 +467,10 @@ fn contacts(
 /// The area in each cell, in faces.
 fn contact(cells: &Cells, muscle: &TriangleMesh, area: &Area) -> Vec<f64> {
     let mut contact = vec![0.0; cells.count()];
-    let on_surface = area.triangles.iter().map(|&t| (muscle.corners(t as usize), 1.0));
+    let on_surface = area
+        .triangles
+        .iter()
+        .map(|&t| (muscle.corners(t as usize), 1.0));
     // Fibres reach a sheet inside from both sides.
     let inside = area
         .sheet
@@ -476,8 +479,9 @@ fn contact(cells: &Cells, muscle: &TriangleMesh, area: &Area) -> Vec<f64> {
     for (corners, sides) in on_surface.chain(inside) {
         let samples = over_triangle(&corners, 0.5 * cells.side);
         let [a, b, c] = corners;
-        let each =
-            0.5 * sides * (b - a).cross(&(c - a)).norm() / samples.len() as f64 / (cells.side * cells.side);
+        let each = 0.5 * sides * (b - a).cross(&(c - a)).norm()
+            / samples.len() as f64
+            / (cells.side * cells.side);
         for p in &samples {
             let cell = cells.at[cells.holding(p)];
             if cell != NONE {

@@ -91,7 +91,10 @@ impl<'a> Tracer<'a> {
             Some(onward) => area.closest(&(p + onward), f64::INFINITY)?,
             None => found,
         };
-        Some(found.point + (p - found.point) * LEFT.min(LEFT_MOST * self.length / (p - found.point).norm()))
+        Some(
+            found.point
+                + (p - found.point) * LEFT.min(LEFT_MOST * self.length / (p - found.point).norm()),
+        )
     }
 
     fn distance_to_area(&self, p: &Point3<f64>, sign: f64, within: f64) -> Option<f64> {

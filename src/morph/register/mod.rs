@@ -175,7 +175,11 @@ impl<'a> RegistrationSurface<'a> {
     fn curved(&self, near: &TriangleProjection) -> (Point3<f64>, Vector3<f64>) {
         let names = self.mesh.triangles[near.triangle as usize];
         let corners = self.mesh.corners(near.triangle as usize);
-        curved(&near.point, &corners, &names.map(|v| self.normals[v as usize]))
+        curved(
+            &near.point,
+            &corners,
+            &names.map(|v| self.normals[v as usize]),
+        )
     }
 
     /// True if a point of a triangle lies on a boundary edge: a match there is beyond the boundary.

@@ -269,14 +269,14 @@ impl<'a> Bending<'a> {
                 .filter(move |(d, _)| *d <= limit)
                 .map(|(_, drawn)| drawn)
         };
-        near(self.to_fixed(&now))
-            .chain(near(self.from_fixed(&now)))
+        near(self.drawn_to_fixed(&now))
+            .chain(near(self.drawn_by_fixed(&now)))
             .collect()
     }
 
     /// Targets of the moving vertices, with their distances: the nearest point with a similar
     /// normal, unless it is on a boundary.
-    fn to_fixed(&self, now: &crate::mesh::TriangleMesh) -> Vec<(f64, Drawn)> {
+    fn drawn_to_fixed(&self, now: &crate::mesh::TriangleMesh) -> Vec<(f64, Drawn)> {
         let normals = now.vertex_normals();
         let mut all = Vec::new();
         for (vertex, (p, normal)) in self.now.iter().zip(&normals).enumerate() {
@@ -309,7 +309,7 @@ impl<'a> Bending<'a> {
 
     /// Targets that the vertices of the other surface give: the vertex next to the nearest point
     /// of the moving surface is to move as that point would have to.
-    fn from_fixed(&self, now: &crate::mesh::TriangleMesh) -> Vec<(f64, Drawn)> {
+    fn drawn_by_fixed(&self, now: &crate::mesh::TriangleMesh) -> Vec<(f64, Drawn)> {
         let tree = SurfaceTree::new(&now.vertices, &now.triangles);
         let own = now.vertex_normals();
         let mut all = Vec::new();
@@ -327,7 +327,9 @@ impl<'a> Bending<'a> {
             let unit = |v: u32| own[v as usize].try_normalize(0.0).unwrap_or_default();
             let (foot, _) = curved(&near.point, &at, &corners.map(unit));
             let away = |v: &u32| (self.now[*v as usize] - near.point).norm();
-            let vertex = corners.into_iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+            let vertex = corners
+                .into_iter()
+                .min_by(|a, b| away(a).total_cmp(&away(b)));
             let Some(vertex) = vertex.filter(|v| !self.outliers[*v as usize]) else {
                 continue;
             };

@@ -91,6 +91,15 @@ pub fn check(mesh: &TriangleMesh) -> Result<Topology, SphereError> {
     Ok(topology)
 }
 
+/// Checks that a mesh is closed, manifold and oriented; it may have handles and pieces.
+///
+/// # Errors
+/// The first defect, with its place.
+pub fn check_closed(mesh: &TriangleMesh) -> Result<(), SphereError> {
+    TriangleMesh::new(mesh.vertices.clone(), mesh.triangles.clone())?;
+    check_edges(&Topology::new(mesh))
+}
+
 fn check_edges(topology: &Topology) -> Result<(), SphereError> {
     let edge = |e: u32| topology.edges[e as usize];
     if let Some(&e) = topology.non_manifold_edges().first() {

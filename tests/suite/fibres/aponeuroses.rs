@@ -49,7 +49,10 @@ fn fibres_are_as_long_as_their_plates_leave_them() {
     let (mesh, areas) = muscle();
     let (plain, q) = fibres(&mesh, &areas);
     // Control: without plates they are as long as the muscle.
-    assert!(middle(&plain) > 0.18 && q.pennation_mean_rad < 0.15, "{q:?}");
+    assert!(
+        middle(&plain) > 0.18 && q.pennation_mean_rad < 0.15,
+        "{q:?}"
+    );
     let plates = areas.with_aponeuroses(&mesh, SHARE, false);
     let (pennate, q) = fibres(&mesh, &plates);
     // From one face to the other, 20 mm, while they pass 50 mm along the muscle.
@@ -60,7 +63,10 @@ fn fibres_are_as_long_as_their_plates_leave_them() {
     let angle = q.pennation_mean_rad / f64::atan2(0.02, 0.05);
     assert!((0.7..=1.1).contains(&angle), "{angle}");
     assert!(q.outside == 0 && q.jacobian_min > 0.0, "{q:?}");
-    assert!(q.coverage >= 0.95 && q.end_distance_max_m <= AT_AREA, "{q:?}");
+    assert!(
+        q.coverage >= 0.95 && q.end_distance_max_m <= AT_AREA,
+        "{q:?}"
+    );
     // Fibres side by side are parallel: from below to above, none straight across.
     let away = pennate.iter().filter(|f| {
         let along = f[14] - f[0];
@@ -74,10 +80,18 @@ fn a_plate_in_the_middle_makes_two_sets_of_fibres() {
     let (mesh, areas) = muscle();
     let plates = areas.with_aponeuroses(&mesh, SHARE, true);
     let sheet = plates.origin.sheet.as_ref().expect("a sheet");
-    assert!(sheet.vertices.iter().all(|p| p.y.abs() <= 1e-9 && p.x <= 0.05 + 0.005));
+    assert!(
+        sheet
+            .vertices
+            .iter()
+            .all(|p| p.y.abs() <= 1e-9 && p.x <= 0.05 + 0.005)
+    );
     let (both, q) = fibres(&mesh, &plates);
     assert!(q.outside == 0 && q.jacobian_min > 0.0, "{q:?}");
-    assert!(q.coverage >= 0.95 && q.end_distance_max_m <= AT_AREA, "{q:?}");
+    assert!(
+        q.coverage >= 0.95 && q.end_distance_max_m <= AT_AREA,
+        "{q:?}"
+    );
     // Half of the width in each set, while they pass 50 mm along the muscle.
     let ratio = middle(&both) / f64::hypot(0.05, 0.025);
     assert!((0.8..=1.2).contains(&ratio), "{ratio}");
@@ -109,12 +123,17 @@ fn given_plates_do_as_found_ones() {
     let mut sheet = face(0.0, -0.05, 0.095);
     sheet.vertices.iter_mut().for_each(|p| p.y *= 0.9);
     let inside = areas.with_plates(&mesh, &[sheet]).expect("a sheet");
-    assert_eq!(inside.insertion.sheet.as_ref().map(|s| s.triangles.len()), Some(2));
+    assert_eq!(
+        inside.insertion.sheet.as_ref().map(|s| s.triangles.len()),
+        Some(2)
+    );
     assert!(inside.origin.sheet.is_none());
     // A plate that belongs to something else is refused.
     let mut far = face(0.5, -0.1, 0.1);
     far.vertices.iter_mut().for_each(|p| p.z += 1.0);
-    let error = areas.with_plates(&mesh, &[far]).expect_err("off the muscle");
+    let error = areas
+        .with_plates(&mesh, &[far])
+        .expect_err("off the muscle");
     assert!(error.to_string().contains("off the muscle"), "{error}");
 }
 
@@ -127,7 +146,10 @@ fn hooks_and_turns_are_seen() {
     // A hook of 0.5 % at one end.
     let hook = vec![at(0.0, 0.0), at(0.995, 0.0), at(0.995, 0.005)];
     let [first, last] = end_tilts(&hook).expect("a line").map(f64::to_degrees);
-    assert!(first <= 1.0 && (60.0..=91.0).contains(&last), "{first} {last}");
+    assert!(
+        first <= 1.0 && (60.0..=91.0).contains(&last),
+        "{first} {last}"
+    );
     assert!(!turns_back(&hook));
     let there_and_back = vec![at(0.0, 0.0), at(1.0, 0.0), at(1.0, 0.1), at(0.0, 0.1)];
     assert!(turns_back(&there_and_back));

@@ -139,9 +139,7 @@ fn widened(
         ));
     }
     let whole = read_mesh(path, unit)?;
-    let plates: Vec<TriangleMesh> = (0..)
-        .map_while(|k| component(&whole, Some(k)))
-        .collect();
+    let plates: Vec<TriangleMesh> = (0..).map_while(|k| component(&whole, Some(k))).collect();
     attachment
         .with_plates(muscle, &plates)
         .map_err(|error| unusable(&error))
@@ -149,37 +147,56 @@ fn widened(
 
 /// Mean optimal length [m] of the rows of a table, from FILE#ROW,ROW.
 pub(super) fn optimal_length(text: &str) -> Result<f64, Failure> {
-    let wrong = |message: String, hint: &str| Failure::usage(format!("--architecture: {message}"), hint);
+    let wrong =
+        |message: String, hint: &str| Failure::usage(format!("--architecture: {message}"), hint);
     let form = "write FILE#ROW, such as architecture.csv#recfem_r";
     let (path, rows) = text
         .rsplit_once('#')
         .filter(|(path, rows)| !path.is_empty() && !rows.is_empty())
         .ok_or_else(|| wrong(format!("`{text}` names no row"), form))?;
-    let table = std::fs::read_to_string(path)
-        .map_err(|error| wrong(format!("cannot read `{path}`: {error}"), "name a table (.csv)"))?;
+    let table = std::fs::read_to_string(path).map_err(|error| {
+        wrong(
+            format!("cannot read `{path}`: {error}"),
+            "name a table (.csv)",
+        )
+    })?;
     let cells = |line: &str| -> Vec<String> {
-        line.split(',').map(|cell| cell.trim().trim_matches('"').to_owned()).collect()
+        line.split(',')
+            .map(|cell| cell.trim().trim_matches('"').to_owned())
+            .collect()
     };
     let mut lines = table.lines().enumerate().filter(|(_, line)| {
         let line = line.trim();
         !line.is_empty() && !line.starts_with('#')
     });
-    let head = lines.next().map(|(_, line)| cells(line)).unwrap_or_default();
-    let column = head.iter().position(|name| name == OPTIMAL).ok_or_else(|| {
-        wrong(
-            format!("{path} has no column {OPTIMAL}; it has {}", head.join(", ")),
-            "the first line names the columns",
-        )
-    })?;
+    let head = lines
+        .next()
+        .map(|(_, line)| cells(line))
+        .unwrap_or_default();
+    let column = head
+        .iter()
+        .position(|name| name == OPTIMAL)
+        .ok_or_else(|| {
+            wrong(
+                format!("{path} has no column {OPTIMAL}; it has {}", head.join(", ")),
+                "the first line names the columns",
+            )
+        })?;
     let rows: Vec<&str> = rows.split(',').map(str::trim).collect();
     let (mut sum, mut found) = (0.0, vec![false; rows.len()]);
     for (k, line) in lines {
         let cells = cells(line);
-        let Some(row) = rows.iter().position(|row| cells.first().is_some_and(|name| name == row)) else {
+        let Some(row) = rows
+            .iter()
+            .position(|row| cells.first().is_some_and(|name| name == row))
+        else {
             continue;
         };
         let cell = cells.get(column).map_or("", String::as_str);
-        let length = cell.parse().ok().filter(|l: &f64| *l > 0.0 && l.is_finite());
+        let length = cell
+            .parse()
+            .ok()
+            .filter(|l: &f64| *l > 0.0 && l.is_finite());
         sum += length.ok_or_else(|| {
             wrong(
                 format!("{path}, line {}: `{cell}` is no length in m", k + 1),

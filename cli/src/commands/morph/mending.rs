@@ -9,6 +9,9 @@ use pliant::io::PointData;
 use pliant::mesh::SurfaceTree;
 use pliant::mesh::{LONGEST_RIM, RepairOptions, RepairStep, Topology, TriangleMesh, repair};
 
+/// Least share of the area that mending has to keep: more in another piece is another body.
+const KEPT: f64 = 0.8;
+
 /// Surfaces that a sphere can be spread over.
 pub(super) struct Mended {
     pub(super) surfaces: [Given; 2],
@@ -18,25 +21,28 @@ pub(super) struct Mended {
     pub(super) handles_cut: usize,
 }
 
-/// Mends what has a defect; a sound surface keeps its bits.
-pub(super) fn mended(given: [Given; 2], paths: [&Path; 2]) -> Mended {
+/// Mends what has a defect; a sound surface keeps its bits. With `solid`, a surface only has to
+/// be closed: handles and pieces stay.
+pub(super) fn mended(given: [Given; 2], paths: [&Path; 2], solid: bool) -> Mended {
     let (mut notes, mut handles_cut) = (Vec::new(), 0);
     let mut k = 0;
     let surfaces = given.map(|one| {
         let path = paths[k];
         k += 1;
-        if is_sphere(&one.mesh) {
+        let is_fit = if solid { is_closed } else { is_sphere };
+        if is_fit(&one.mesh) {
             return one;
         }
         let options = RepairOptions {
             close_holes: LONGEST_RIM,
             // Of any size: the surface has a map only without them.
-            cut_handles: f64::MAX,
-            keep_largest: true,
+            cut_handles: if solid { 0.0 } else { f64::MAX },
+            keep_largest: !solid,
             merge_within: 0.0,
         };
         let found = repair(&one.mesh, &[], &options);
-        if found.changes.is_empty() || !is_sphere(&found.mesh) {
+        let kept = found.mesh.area() / one.mesh.area();
+        if found.changes.is_empty() || !is_fit(&found.mesh) || !(kept >= KEPT) {
             // The map refuses it, with the place of the defect.
             return one;
         }
@@ -46,7 +52,10 @@ pub(super) fn mended(given: [Given; 2], paths: [&Path; 2]) -> Mended {
             path.display(),
             changes.join("; ")
         ));
-        let handles = found.changes.iter().filter(|c| c.step == RepairStep::CutHandles);
+        let handles = found
+            .changes
+            .iter()
+            .filter(|c| c.step == RepairStep::CutHandles);
         handles_cut += handles.map(|c| c.count).sum::<usize>();
         let nearest = nearest_vertices(&found.mesh, &one.mesh);
         let data = one.data.into_iter().map(|array| carried(array, &nearest));
@@ -62,15 +71,19 @@ pub(super) fn mended(given: [Given; 2], paths: [&Path; 2]) -> Mended {
     }
 }
 
+/// True for closed, oriented, outward surfaces.
+fn is_closed(mesh: &TriangleMesh) -> bool {
+    let topology = Topology::new(mesh);
+    topology.is_closed() && topology.is_oriented() && mesh.volume() > 0.0
+}
+
 /// True for one closed, oriented, outward surface without handles whose vertices are all used.
 fn is_sphere(mesh: &TriangleMesh) -> bool {
     let topology = Topology::new(mesh);
-    topology.is_closed()
-        && topology.is_oriented()
+    is_closed(mesh)
         && topology.components().count == 1
         && topology.euler_characteristic() == 2
         && topology.non_manifold_vertices(mesh).is_empty()
-        && mesh.volume() > 0.0
 }
 
 /// For each vertex of a mesh the nearest vertex of another.
@@ -80,14 +93,23 @@ pub(super) fn nearest_vertices(of: &TriangleMesh, to: &TriangleMesh) -> Vec<u32>
         let found = tree.closest(p, f64::INFINITY)?;
         let away = |v: &u32| (to.vertices[*v as usize] - p).norm();
         let corners = to.triangles[found.triangle as usize];
-        corners.into_iter().min_by(|a, b| away(a).total_cmp(&away(b)))
+        corners
+            .into_iter()
+            .min_by(|a, b| away(a).total_cmp(&away(b)))
     };
-    of.vertices.iter().map(|p| nearest(p).unwrap_or(0)).collect()
+    of.vertices
+        .iter()
+        .map(|p| nearest(p).unwrap_or(0))
+        .collect()
 }
 
 fn carried(array: PointData, nearest: &[u32]) -> PointData {
     let count = array.components;
-    let of = |v: &u32| (0..count).map(|k| *v as usize * count + k).collect::<Vec<_>>();
+    let of = |v: &u32| {
+        (0..count)
+            .map(|k| *v as usize * count + k)
+            .collect::<Vec<_>>()
+    };
     let values = nearest.iter().flat_map(of);
     PointData {
         values: values

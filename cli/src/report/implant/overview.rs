@@ -51,8 +51,11 @@ impl Outlines {
                     let flat = shape.place(disc, order.implant.base);
                     let from = frame * Point3::new(flat.x, flat.y, above);
                     let (t, w) = rays.first_hit(&from, &down)?;
-                    let corners = rays.triangles()[t as usize].map(|v| rays.positions()[v as usize]);
-                    let sum = (0..3).map(|k| corners[k].coords * w[k]).sum::<Vector3<f64>>();
+                    let corners =
+                        rays.triangles()[t as usize].map(|v| rays.positions()[v as usize]);
+                    let sum = (0..3)
+                        .map(|k| corners[k].coords * w[k])
+                        .sum::<Vector3<f64>>();
                     Some(Point3::from(sum))
                 };
                 // The outline is broken where it leaves the region.
@@ -101,7 +104,13 @@ pub(in crate::report) fn overview(
 ) -> Result<Picture, PictureError> {
     let up = upright(skin, up);
     let sites = || all.iter().flat_map(|ready| ready.sites());
-    let out: Vector3<f64> = sites().map(|(_, frame)| frame * Vector3::z()).sum();
+    let outwards: Vec<Vector3<f64>> = sites().map(|(_, frame)| frame * Vector3::z()).collect();
+    let sum: Vector3<f64> = outwards.iter().sum();
+    // Implants on both sides of a body: the side of the first.
+    let out = match outwards.first() {
+        Some(first) if !(sum.norm() > 0.5) => *first,
+        _ => sum,
+    };
     // From the side of the implants, level.
     let level = |v: Vector3<f64>| (v - up * v.dot(&up)).try_normalize(1e-3 * v.norm());
     let from = level(out).unwrap_or_else(|| out.try_normalize(0.0).unwrap_or(up));
@@ -126,8 +135,20 @@ pub(in crate::report) fn overview(
     let (left, at_right) = (axis(&-right), axis(&right));
     let style = TextStyle::Small;
     frame.text(8, height / 2, &left, style, TEXT);
-    frame.text(width - 8 - style.width(&at_right), height / 2, &at_right, style, TEXT);
-    frame.text(width / 2, height - 20, &format!("up: {}", axis(&view_up)), style, TEXT);
+    frame.text(
+        width - 8 - style.width(&at_right),
+        height / 2,
+        &at_right,
+        style,
+        TEXT,
+    );
+    frame.text(
+        width / 2,
+        height - 20,
+        &format!("up: {}", axis(&view_up)),
+        style,
+        TEXT,
+    );
     Ok(Picture {
         file: "overview.png".to_owned(),
         caption: format!(

@@ -230,16 +230,16 @@ fn senseless_orders_are_refused_in_the_words_of_the_user() {
         &["--at", "0,0,0", "--volume", &format!("{}cc", 1.2 * most)],
         &["larger than the region"],
     );
-    // 4 cm from the border, so 5 cm across never fit.
+    // 3 cm from the border, so 6 cm across never fit.
     let base = number(
-        &refused(&["--at", "6,0,0"], &["border"]),
+        &refused(&["--at", "7,0,0"], &["border"]),
         "a base of",
         "cm would fit",
     );
-    assert!((2.5..5.0).contains(&base), "{base} cm");
+    assert!((2.5..6.0).contains(&base), "{base} cm");
     fits(&[
         "--at",
-        "6,0,0",
+        "7,0,0",
         "--base",
         &format!("{base}cm"),
         "--volume",

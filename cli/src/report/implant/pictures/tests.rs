@@ -84,10 +84,10 @@ fn implants_that_look_apart_have_pictures_of_their_own() {
             .collect()
     };
     let (top, aside, bottom) = (Vector3::z(), Vector3::new(0.9, 0.0, 1.0), -Vector3::z());
-    assert_eq!(names(&[top]), ["stretch", "side", "before"]);
+    assert_eq!(names(&[top]), ["stretch", "side", "before", "overview"]);
     assert_eq!(
         names(&[top, aside]),
-        ["stretch", "side", "side_2", "before"]
+        ["stretch", "side", "side_2", "before", "overview"]
     );
     assert_eq!(
         names(&[top, bottom]),
@@ -97,7 +97,8 @@ fn implants_that_look_apart_have_pictures_of_their_own() {
             "before",
             "stretch_2",
             "side_2",
-            "before_2"
+            "before_2",
+            "overview"
         ]
     );
 }
