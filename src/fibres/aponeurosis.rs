@@ -15,6 +15,8 @@ use crate::mesh::measures::median;
 /// Least cosine between the outward normal of a triangle and the direction of its plate's face: 60
 /// degrees.
 const FACES: f64 = 0.5;
+/// Below it the side of the plates follows from the axes.
+const UNDECIDED: f64 = 1e-6;
 /// Number of sections of the muscle along its line of action, for the middle of a central plate.
 const SECTIONS: usize = 24;
 /// Number of points of a central plate across a section.
@@ -72,7 +74,7 @@ impl Attachment {
 
     /// Share of the muscle's length that each plate covers, where fibres lead from plate to plate
     /// at this angle to the line of action [rad]: 1 - thickness / (length tan angle), with the mean
-    /// thickness between the plates.
+    /// thickness between the plates. Not above 0 for a muscle that is too thick for the angle.
     pub fn share_of_pennation(&self, muscle: &TriangleMesh, angle: f64, central: bool) -> f64 {
         let frame = Frame::new(muscle, self);
         let across = if central { frame.wide } else { frame.thin };
@@ -84,15 +86,21 @@ impl Attachment {
         let thickness = Closed::new(muscle).mesh.volume().abs() / shadow;
         // A plate in the middle has fibres on both of its sides.
         let between = if central { 0.5 * thickness } else { thickness };
-        let share = 1.0 - between / (frame.length * libm::tan(angle));
-        if share >= 0.0 { share } else { 0.0 }
+        1.0 - between / (frame.length * libm::tan(angle))
+    }
+
+    /// How far the two areas look to opposite sides along the least extent of the muscle, 0 to 2.
+    /// Near 0, as for areas at both tips, the side of the plates is an arbitrary one.
+    pub fn looks_apart(&self, muscle: &TriangleMesh) -> f64 {
+        Frame::new(muscle, self).apart
     }
 
     /// Adds given plates to the areas, each to the area that is nearer to its nearest point: as a
     /// part of the surface where they lie on it, and as sheets inside otherwise.
     ///
     /// # Errors
-    /// A plate is empty or lies off the muscle, or plates of both ends share vertices.
+    /// A plate is empty or lies off the muscle. Where plates of both ends meet, the first has the
+    /// triangles.
     pub fn with_plates(
         &self,
         muscle: &TriangleMesh,
@@ -107,22 +115,25 @@ impl Attachment {
         made.action = Some(frame.action);
         let mut wide = [Vec::new(), Vec::new()];
         for plate in plates {
+            // A component of a file has the vertices of all of them.
+            let own: Vec<Point3<f64>> = (0..plate.triangles.len())
+                .flat_map(|t| plate.corners(t))
+                .collect();
             let far = areas.each_ref().map(|area| {
                 let to = |p: &Point3<f64>| {
                     area.closest(p, f64::INFINITY)
                         .map_or(f64::INFINITY, |found| found.distance)
                 };
-                plate.vertices.iter().map(to).fold(f64::INFINITY, f64::min)
+                own.iter().map(to).fold(f64::INFINITY, f64::min)
             });
             let k = usize::from(far[1] < far[0]);
             let end = [MuscleEnd::Origin, MuscleEnd::Insertion][k];
-            let off = plate
-                .vertices
+            let off = own
                 .iter()
                 .filter_map(|p| tree.closest(p, f64::INFINITY).map(|found| found.distance));
             let off = median(off.collect()).ok_or(AttachmentError::Empty { end })?;
-            let inside = plate.vertices.iter().filter(|p| solid.contains(p)).count();
-            if off > ON_SURFACE * muscle.length() && 2 * inside > plate.vertices.len() {
+            let inside = own.iter().filter(|p| solid.contains(p)).count();
+            if off > ON_SURFACE * muscle.length() && 2 * inside > own.len() {
                 let area = [&mut made.origin, &mut made.insertion];
                 let [origin, insertion] = area;
                 let area = if k == 0 { origin } else { insertion };
@@ -184,6 +195,8 @@ struct Frame {
     length: f64,
     /// -1 for a surface that is inside out.
     outward: f64,
+    /// See [`Attachment::looks_apart`].
+    apart: f64,
 }
 
 impl Frame {
@@ -214,7 +227,14 @@ impl Frame {
         order.sort_by(|i, j| eigen.eigenvalues[*i].total_cmp(&eigen.eigenvalues[*j]));
         let thin: Vector3<f64> = eigen.eigenvectors.column(order[0]).into_owned();
         let side = (looks - other).dot(&thin);
-        let thin = if side >= 0.0 { thin } else { -thin };
+        // Without a side, rounding must not decide.
+        let positive = thin[thin.iamax()] > 0.0;
+        let keeps = if side.abs() > UNDECIDED {
+            side > 0.0
+        } else {
+            positive
+        };
+        let thin = if keeps { thin } else { -thin };
         let coordinates = muscle.vertices.iter().map(|p| p.coords.dot(&action));
         let (from, to) = coordinates.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), c| {
             (a.min(c), b.max(c))
@@ -226,6 +246,7 @@ impl Frame {
             from,
             length: to - from,
             outward,
+            apart: side.abs(),
         }
     }
 

@@ -167,6 +167,17 @@ pub fn move_features(
     targets: &[Point3<f64>],
     how: &Moving,
 ) -> Result<SphereMap, AlignError> {
+    move_features_while(map, features, targets, how, &|| true)
+}
+
+/// The same; gives up when `going` returns false.
+pub(super) fn move_features_while(
+    map: &SphereMap,
+    features: &[u32],
+    targets: &[Point3<f64>],
+    how: &Moving,
+    going: &dyn Fn() -> bool,
+) -> Result<SphereMap, AlignError> {
     check_features(map, features, targets)?;
     let mut points = map.points().to_vec();
     let Some(rings) = Rings::new(points.len(), map.triangles()) else {
@@ -174,7 +185,7 @@ pub fn move_features(
     };
     let far = |points: &[Point3<f64>], i: usize| (targets[i] - points[features[i] as usize]).norm();
     let (mut least, mut since, mut steps) = (f64::INFINITY, 0, 0);
-    while steps < how.steps && since <= PATIENCE {
+    while steps < how.steps && since <= PATIENCE && going() {
         if (0..features.len()).all(|i| far(&points, i) <= THERE) {
             return finish(map, points, features, targets);
         }

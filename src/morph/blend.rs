@@ -184,6 +184,8 @@ impl Path {
 /// the volume of a closed shape is that of a body whose size is the blend of both sizes.
 pub struct Laplacian {
     triangles: Vec<[u32; 3]>,
+    /// An open shape has no volume.
+    is_closed: bool,
     /// Volumes of both ends \[m^3\].
     volumes: [f64; 2],
     first: Vec<Point3<f64>>,
@@ -201,7 +203,7 @@ pub struct Laplacian {
 
 /// Width of the neighbourhood of a vertex's rotation, relative to the root of the area of the shape.
 const REACH: f64 = 0.15;
-/// Greatest number of steps of the shift along the normals; each squares the relative error.
+/// Greatest number of steps of the shift along the normals, by Newton's method.
 const SHIFTS: usize = 8;
 /// Relative error of the volume at which it ends: some roundings.
 const ROUND: f64 = 1e-12;
@@ -244,6 +246,7 @@ impl Laplacian {
             });
         }
         let weights = weights(&topology, triangles, [first, second]);
+        let is_closed = topology.is_closed() && topology.is_oriented();
         let edges = topology.edges;
         let mut factor = Factor::new(count, &edges)?;
         for (&[a, b], &w) in edges.iter().zip(&weights) {
@@ -276,6 +279,7 @@ impl Laplacian {
         let (first, second) = (first.to_vec(), second.to_vec());
         Ok(Self {
             triangles: triangles.to_vec(),
+            is_closed,
             volumes,
             first,
             second,
@@ -334,7 +338,7 @@ impl Laplacian {
         let mut shape: Vec<Point3<f64>> = (0..count)
             .map(|i| Point3::from(centre + forward * (straight[i] + added(i) - middle)))
             .collect();
-        if t > 0.0 && t < 1.0 {
+        if t > 0.0 && t < 1.0 && self.is_closed {
             self.shift(&mut shape, t);
         }
         shape
@@ -358,9 +362,23 @@ impl Laplacian {
                 vertices: shape.to_vec(),
                 triangles: self.triangles.clone(),
             };
-            let by = lack / now.area();
-            for (p, normal) in shape.iter_mut().zip(now.vertex_normals()) {
-                *p += normal.try_normalize(0.0).unwrap_or_default() * by;
+            let normals: Vec<Vector3<f64>> = now
+                .vertex_normals()
+                .iter()
+                .map(|n| n.try_normalize(0.0).unwrap_or_default())
+                .collect();
+            // The derivative of the volume by the shift.
+            let mut slope = 0.0;
+            for (t, [a, b, c]) in (0..now.triangles.len()).map(|t| (t, now.corners(t))) {
+                let third = (b - a).cross(&(c - a)) / 6.0;
+                let corners = self.triangles[t].map(|v| normals[v as usize]);
+                slope += third.dot(&(corners[0] + corners[1] + corners[2]));
+            }
+            if !(slope > 0.0) {
+                return;
+            }
+            for (p, normal) in shape.iter_mut().zip(normals) {
+                *p += normal * (lack / slope);
             }
         }
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use super::align::{AlignError, Moving, move_features, nearest_rotation};
+use super::align::{AlignError, Moving, move_features_while, nearest_rotation};
 use super::locate::{Located, Locator};
 use super::overlay::{Overlay, OverlayError, OverlayOrigin};
 use super::pose::{InitialPose, Start, by_shape};
@@ -183,7 +183,8 @@ impl Correspondence {
         };
         let efforts = [first.1, second.1];
         goes_on()?;
-        let Aligned { maps, start, drawn } = aligned([first.0, second.0], meshes, pairs, settings)?;
+        let Aligned { maps, start, drawn } =
+            aligned([first.0, second.0], meshes, pairs, settings, progress)?;
         times.align = begun.elapsed().as_secs_f64();
         goes_on()?;
         let begun = Instant::now();
@@ -305,6 +306,7 @@ fn aligned(
     meshes: [&TriangleMesh; 2],
     pairs: &[[u32; 2]],
     settings: &CorrespondenceSettings,
+    progress: &(dyn Progress + Sync),
 ) -> Result<Aligned, CorrespondenceError> {
     for pair in pairs {
         for (&vertex, map) in pair.iter().zip([&first, &second]) {
@@ -337,7 +339,12 @@ fn aligned(
     let [first, second] = turned(first, second, &by)?;
     let features: Vec<u32> = pairs.iter().map(|pair| pair[0]).collect();
     let places = places(1, &second);
-    let moved = moved(&first, &features, &places, &settings.moving)?;
+    let going = || !progress.is_stopped();
+    let moved = moved(&first, &features, &places, &settings.moving, &going);
+    if !going() {
+        return Err(CorrespondenceError::Stopped);
+    }
+    let moved = moved?;
     Ok(Aligned {
         maps: [moved, second],
         start,
@@ -352,9 +359,10 @@ fn moved(
     features: &[u32],
     places: &[Point3<f64>],
     how: &Moving,
+    going: &dyn Fn() -> bool,
 ) -> Result<SphereMap, AlignError> {
-    let direct = move_features(map, features, places, how);
-    if !matches!(direct, Err(AlignError::Stuck { .. })) {
+    let direct = move_features_while(map, features, places, how, going);
+    if !matches!(direct, Err(AlignError::Stuck { .. })) || !going() {
         return direct;
     }
     let target = |(vertex, to): (&u32, &Point3<f64>)| Target {
@@ -370,8 +378,8 @@ fn moved(
             ..*how
         };
         for start in nearer.iter().chain([map]) {
-            let found = move_features(start, features, places, &how);
-            if !matches!(found, Err(AlignError::Stuck { .. })) {
+            let found = move_features_while(start, features, places, &how, going);
+            if !matches!(found, Err(AlignError::Stuck { .. })) || !going() {
                 return found;
             }
         }

@@ -55,17 +55,7 @@ pub struct InitialPose {
 /// surroundings, and the candidate with the least distance wins. Then the map is rotated to the
 /// least sum of squared distances of the matches \[kabsch1976\].
 pub fn by_shape(maps: [&SphereMap; 2], shape_similarity: &ShapeSimilarity) -> InitialPose {
-    let mut start = Start::Placed;
-    let mut pose = shape_similarity.pose(&UnitQuaternion::identity());
-    let (mut matches, mut least) = shape_similarity.matches(&pose);
-    least *= BETTER;
-    for turn in shape_similarity.by_axes() {
-        let other = shape_similarity.pose(&turn);
-        let (found, square) = shape_similarity.matches(&other);
-        if square < least {
-            (start, pose, matches, least) = (Start::Axes, other, found, square);
-        }
-    }
+    let (start, pose, matches) = nearest_pose(shape_similarity);
     let mut product = Matrix3::zeros();
     for Match { vertices, weight } in &matches {
         let [from, to] = [0, 1].map(|side| maps[side].points()[vertices[side] as usize].coords);
@@ -77,6 +67,25 @@ pub fn by_shape(maps: [&SphereMap; 2], shape_similarity: &ShapeSimilarity) -> In
         matches,
         pose,
     }
+}
+
+/// The linear map from the first body to the second after the better of the given placement and the
+/// principal axes, with the matches there.
+pub(super) fn nearest_pose(
+    shape_similarity: &ShapeSimilarity,
+) -> (Start, Matrix3<f64>, Vec<Match>) {
+    let mut start = Start::Placed;
+    let mut pose = shape_similarity.pose(&UnitQuaternion::identity());
+    let (mut matches, mut least) = shape_similarity.matches(&pose);
+    least *= BETTER;
+    for turn in shape_similarity.by_axes() {
+        let other = shape_similarity.pose(&turn);
+        let (found, square) = shape_similarity.matches(&other);
+        if square < least {
+            (start, pose, matches, least) = (Start::Axes, other, found, square);
+        }
+    }
+    (start, pose, matches)
 }
 
 /// Principal axes of a surface, the longest first, right-handed, as columns.

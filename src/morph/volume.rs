@@ -9,24 +9,29 @@ use nalgebra::{Matrix3, Point3, UnitQuaternion};
 
 use super::align::rotation_of;
 use super::correspondence::CorrespondenceError;
+use super::pose::nearest_pose;
 use super::shape_similarity::ShapeSimilarity;
 use super::sphere::SphereError;
 use super::sphere::surface::check_closed;
 use crate::mesh::inside::Inside;
 use crate::mesh::measures::Aabb;
-use crate::mesh::{SurfaceTree, TriangleMesh, isosurface};
+use crate::mesh::{RepairOptions, SurfaceTree, TriangleMesh, isosurface, repair};
+use crate::progress::Progress;
 
 /// Cells beyond the bodies on each side.
 const BEYOND: f64 = 2.0;
 
 /// The shapes between two closed, oriented, outward surfaces as a function of t: near the first at
 /// 0, near the second at 1, as surface nets with `cells` cells along the longest side of both.
+/// Where surfaces touch in an edge or a vertex, they are separated. After a stop by `progress`
+/// shapes mean nothing.
 ///
 /// # Errors
 /// A surface that is open, not manifold, not oriented, or inside out.
 pub fn by_volume<'a>(
     meshes: [&'a TriangleMesh; 2],
     cells: usize,
+    progress: &'a (dyn Progress + Sync),
 ) -> Result<impl Fn(f64) -> TriangleMesh + Sync + 'a, CorrespondenceError> {
     for (side, mesh) in meshes.iter().enumerate() {
         check_closed(mesh).map_err(|error| CorrespondenceError::Surface { side, error })?;
@@ -37,23 +42,30 @@ pub fn by_volume<'a>(
     }
     let frame = MovingFrame::new(meshes)?;
     let bodies = meshes.map(Body::new);
-    let longest = |mesh: &TriangleMesh| Aabb::of_points(&mesh.vertices).extents().max();
     let cell = longest(meshes[0]).max(longest(meshes[1])) / cells.max(1) as f64;
     Ok(move |t: f64| {
         let at = frame.at(t);
         let distance = |p: Point3<f64>| {
+            if progress.is_stopped() {
+                return f64::INFINITY;
+            }
             let first = frame.middles[0] + at.back * (p - at.middle);
             let second = frame.second_of(&first);
             bodies[0].distance(&first) * (1.0 - t) + bodies[1].distance(&second) * t
         };
-        let moved = |p: &Point3<f64>| at.middle + at.onward * (p - frame.middles[0]);
-        let own = meshes[0].vertices.iter().map(moved);
-        let other = meshes[1].vertices.iter().map(|p| moved(&frame.first_of(p)));
+        let own = meshes[0].vertices.iter().map(|p| frame.moved(&at, p));
+        let other = meshes[1].vertices.iter();
+        let other = other.map(|p| frame.moved(&at, &frame.first_of(p)));
         let all: Vec<Point3<f64>> = own.chain(other).collect();
         let room = Aabb::of_points(&all);
         let beyond = nalgebra::Vector3::repeat(BEYOND * cell);
-        isosurface(distance, room.min - beyond, room.max + beyond, cell)
+        let net = isosurface(distance, room.min - beyond, room.max + beyond, cell);
+        repair(&net, &[], &RepairOptions::default()).mesh
     })
+}
+
+fn longest(mesh: &TriangleMesh) -> f64 {
+    Aabb::of_points(&mesh.vertices).extents().max()
 }
 
 /// A body with its signed distance.
@@ -100,7 +112,7 @@ struct Part {
 impl MovingFrame {
     fn new(meshes: [&TriangleMesh; 2]) -> Result<Self, CorrespondenceError> {
         let middles = meshes.map(|mesh| mesh.surface_centroid().unwrap_or_default());
-        let pose = ShapeSimilarity::new(meshes).pose(&UnitQuaternion::identity());
+        let (_, pose, _) = nearest_pose(&ShapeSimilarity::new(meshes));
         let turn = rotation_of(&pose);
         let stretch = turn.inverse().to_rotation_matrix() * pose;
         let flat = || CorrespondenceError::Surface {
@@ -126,6 +138,11 @@ impl MovingFrame {
 
     fn first_of(&self, second: &Point3<f64>) -> Point3<f64> {
         self.middles[0] + self.back * (second - self.middles[1])
+    }
+
+    /// Where a place of the first body is at t.
+    fn moved(&self, at: &Part, first: &Point3<f64>) -> Point3<f64> {
+        at.middle + at.onward * (first - self.middles[0])
     }
 
     fn at(&self, t: f64) -> Part {

@@ -93,14 +93,13 @@ pub(super) fn middle(
     }
 }
 
-/// The region of an implant in a patch, with its frame and the number of its edges on the border of
-/// the skin.
+/// The region of an implant in a patch, with its frame.
 pub(super) fn placed(
     taken: &TakenOut,
     topology: &Topology,
     order: &ImplantSpec,
     centre: &Point3<f64>,
-) -> Result<(Region, Isometry3<f64>, usize), SkinError> {
+) -> Result<(Region, Isometry3<f64>), SkinError> {
     let patch = &taken.mesh;
     let seed = nearest_vertex(patch, centre);
     let normal = patch.vertex_normals()[seed as usize];
@@ -115,8 +114,8 @@ pub(super) fn placed(
     let mean = normals.fold(Vector3::zeros(), |sum, n| sum + n);
     frame = self::frame(centre, &mean, order.long.as_ref());
     region = around(patch, topology, seed, order, &frame);
-    let at_border = check_region(&region, taken, topology, order, &frame)?;
-    Ok((region, frame, at_border))
+    check_region(&region, taken, topology, order, &frame)?;
+    Ok((region, frame))
 }
 
 /// Adds the base that fits to an error, where a smaller base can help.
@@ -251,7 +250,6 @@ fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
     SURELY * nearest.fold(f64::INFINITY, f64::min) / NEAR
 }
 
-/// The number of edges of a region on the border of the skin, where the region ends and is held.
 fn check_region(
     region: &Region,
     TakenOut {
@@ -263,7 +261,7 @@ fn check_region(
     topology: &Topology,
     order: &ImplantSpec,
     frame: &Isometry3<f64>,
-) -> Result<usize, SkinError> {
+) -> Result<(), SkinError> {
     let mut sides = vec![false; topology.edges.len()];
     region.triangles.iter().for_each(|t| {
         topology.triangle_edges[*t as usize]
@@ -273,7 +271,6 @@ fn check_region(
     let (reach, turn) = (reaches(patch, order, frame), turns(patch, frame));
     let boundary = topology.boundary_edges().into_iter();
     let ends = boundary.filter(|e| sides[*e as usize]).count();
-    let mut at_border = 0;
     if ends > 0 {
         let chains = rim(patch, topology, origin);
         let of_skin = chains
@@ -305,7 +302,6 @@ fn check_region(
                 fits: fits(patch, topology, &reach) * order.implant.base,
             });
         }
-        at_border = pairs.len();
     }
     // Under the implant the skin can have folds, but must not turn away as a whole.
     let mut areas = (0.0, 0.0, 0.0f64);
@@ -329,7 +325,7 @@ fn check_region(
             fits: None,
         });
     }
-    Ok(at_border)
+    Ok(())
 }
 
 /// Rejects implants that overlap: the outline of one base extends into another.

@@ -267,11 +267,10 @@ impl PreparedPatch {
         let centres: Vec<Point3<f64>> = patch.places.iter().map(|(_, centre, _)| *centre).collect();
         let taken = patch.taken_out(progress).map_err(|error| (0, error))?;
         let topology = Topology::new(&taken.mesh);
-        let (mut sites, mut triangles, mut at_border) = (Vec::new(), BTreeSet::new(), 0);
+        let (mut sites, mut triangles) = (Vec::new(), BTreeSet::new());
         for (k, (order, centre)) in orders.into_iter().zip(&centres).enumerate() {
-            let (region, frame, edges) = placed(&taken, &topology, order, centre)
+            let (region, frame) = placed(&taken, &topology, order, centre)
                 .map_err(|error| (k, advised(error, skin, order, obstacles)))?;
-            at_border += edges;
             triangles.extend(region.triangles);
             sites.push(Site {
                 order: order.clone(),
@@ -279,6 +278,15 @@ impl PreparedPatch {
             });
         }
         apart(&sites).map_err(|error| (0, error))?;
+        // A region that reaches the cut of the patch is refused, so this is the border of the skin.
+        let boundary = topology.boundary_edges().into_iter();
+        let own = |e: &u32| {
+            topology
+                .triangles_of_edge(*e as usize)
+                .iter()
+                .any(|t| triangles.contains(t))
+        };
+        let at_border = boundary.filter(own).count();
         let region = Region::of(&taken.mesh, triangles.into_iter().collect());
         Self::over(taken, (region, at_border), sites, obstacles).map_err(|error| (0, error))
     }

@@ -83,7 +83,8 @@ Results in pliant-out/NAME-fibres: fibres.vtp (polylines with `fibre`, `part` (0
 insertion), `length_m` and `pennation_rad`), muscle.vtp (with `area`: 1 origin, 2 insertion), fibres.csv (a row a fibre), points.csv,
 pictures from two sides and in section, summary.json, report.html. All lengths are in m.
 
-Exit codes: 0 done; 1 points lie outside, ends off their areas, or fibres out of order;
+Exit codes: 0 done; 1 points lie outside, ends off their areas, fibres are out of order, turn back, go round, lie across the line of
+action, or end in hooks;
 2 bad usage or input; 130 or 143 interrupted.")]
 pub(super) struct Arguments {
     /// The muscle's surface; it may have holes and may be inside out
@@ -125,10 +126,11 @@ pub(super) struct Arguments {
     /// Points of each fibre, including its ends
     #[arg(long, value_name = "N", default_value = "15", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     points: u32,
-    /// Number of smoothing passes; each moves points towards the midpoint of their neighbours
+    /// Number of smoothing passes; each evens out bends of few points, and keeps those of the whole
+    /// fibre
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=100_000))]
     smooth_steps: u32,
-    /// Share of the distance to that midpoint that a pass moves a point, 0 to 1
+    /// Share of the sharpest zigzag that a pass removes, 0 to 1
     #[arg(long, value_name = "SHARE", default_value = "0.5", allow_negative_numbers = true, value_parser = share)]
     smooth_factor: f64,
     #[command(flatten)]
@@ -382,7 +384,7 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
         .map(architecture::optimal_length)
         .transpose()?;
     if let Some(text) = &arguments.aponeurosis {
-        attachment = architecture::plates(arguments, text, unit, base, &attachment, &mut notes)?;
+        attachment = architecture::plates(arguments, text, unit, &muscle, &attachment, &mut notes)?;
     }
     let mut lines = match &arguments.lines {
         Some(path) => registered(path, unit, base)?,

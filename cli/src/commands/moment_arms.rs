@@ -320,6 +320,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ));
         }
     }
+    let own = running.muscles.iter().map(|m| m.name.as_str());
+    if let Some(force) = opensim.as_ref().and_then(|names| names.shared(own)) {
+        return Err(Failure::usage(
+            format!("two muscles have the force {force}"),
+            "give each its own with --forces",
+        ));
+    }
     let folder = Folder::open(&out)?;
     let values = running.angles.len();
     let mut written = Written {

@@ -75,7 +75,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME", default_value = "robust", value_parser = ["robust", "relaxation", "volume"])]
     method: String,
     /// Number of cells along the longest side, for --method volume [default: 64]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=512))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(8..=256))]
     cells: Option<u16>,
     /// Method of the blend
     #[arg(long, value_name = "NAME", default_value = "linear", value_parser = ["linear", "hermite", "laplacian"])]
@@ -239,6 +239,13 @@ fn of_method(arguments: &Arguments) -> Result<(), Failure> {
             "leave it out, or take --method robust",
         ));
     }
+    let defaults = arguments.blend == "linear" && arguments.topology == "merged";
+    if is_volume && !defaults {
+        return Err(Failure::usage(
+            "--blend or --topology is given, but distance fields have neither",
+            "leave them out, or take --method robust",
+        ));
+    }
     if cells && !is_volume {
         return Err(Failure::usage(
             "--cells is given, but only --method volume has cells",
@@ -258,14 +265,15 @@ fn run_by_volume(
     stop: &AtomicBool,
 ) -> Result<u8, Failure> {
     let meshes = volume.meshes;
-    let shape = by_volume(meshes, volume.cells)
+    let heard = |_: &str, _: usize, _: usize| if_raised(stop);
+    let shape = by_volume(meshes, volume.cells, &heard)
         .map_err(|error| refused(&error, paths, meshes, arguments))?;
     for k in 0..arguments.frames {
+        let t = f64::from(k) / f64::from(arguments.frames - 1);
+        volume.shapes.push((t, shape(t)));
         if stop.load(Ordering::Relaxed) {
             return Ok(nothing_written());
         }
-        let t = f64::from(k) / f64::from(arguments.frames - 1);
-        volume.shapes.push((t, shape(t)));
     }
     volume.time_s = begun.elapsed().as_secs_f64();
     let output = volume.output().map_err(FolderError::from)?;

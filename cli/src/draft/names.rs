@@ -214,7 +214,7 @@ pub fn insertion(muscle: &str, joint: &str) -> Option<&'static str> {
     INSERTIONS.iter().find(of).map(|row| row.2)
 }
 
-/// Architecture of muscles, as `architecture::NAMED` names it, with beginnings of words of their
+/// Architecture of muscles, as `pliant fibres --aponeurosis` names it, with beginnings of words of their
 /// names. The first row that fits holds.
 const ARCHITECTURE: [(&[&str], &str); 26] = [
     (&["rectus", "femor"], "bipennate"),

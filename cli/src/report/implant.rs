@@ -184,11 +184,11 @@ impl Insertion<'_> {
             + 0.0
     }
 
-    /// Volume between the lower layer, what lies below it and the implants [m^3]: a fluid would
-    /// fill it.
-    fn void_volume(&self) -> f64 {
+    /// Volume between the lower layer, what lay below it and the implants [m^3]: a fluid would fill
+    /// it. `None` over obstacles, between which and the skin there is more room.
+    fn void_volume(&self) -> Option<f64> {
         let room: f64 = self.implants.iter().map(|(_, done)| done.areas.room).sum();
-        room - self.volume()
+        self.obstacles.is_empty().then(|| room - self.volume())
     }
 
     /// Total areas of all implants.

@@ -264,16 +264,12 @@ pub fn output<'a>(
         tables.push(comparisons(arms));
     }
     let names = swept.opensim.as_ref();
-    let paths = names.map(|names| names.paths(arms)).unwrap_or_default();
+    let (paths, findings) = names.map(|names| names.paths(arms)).unwrap_or_default();
     let mut measures = to_json(swept, running, arms);
     if names.is_some() {
         tables.push(opensim::table(&paths));
         measures["opensim"] = opensim::to_json(&paths);
     }
-    let findings = paths
-        .iter()
-        .filter_map(opensim::FittedPath::finding)
-        .collect();
     let mut files = vec![OutputFile::new("fibres.pvd", move |path| {
         series.write(path)
     })];

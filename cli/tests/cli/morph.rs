@@ -573,7 +573,7 @@ fn a_ring_is_cut_for_a_map_and_closes_by_volume() {
         (&["--cells", "32"][..], "--cells is given"),
         (
             &["--method", "volume", "--cells", "3"],
-            "3 is not in 8..=512",
+            "3 is not in 8..=256",
         ),
         (
             &["--method", "volume", "--pairs", "none.txt"],

@@ -251,6 +251,18 @@ const RUNS: &[Case] = &[
     },
 ];
 
+/// Fibres of a bent muscle.
+const ARC: &[&str] = &[
+    "fibres",
+    "{}/arc.obj",
+    "--unit",
+    "m",
+    "--origin",
+    "vertices:{}/first.txt",
+    "--insertion",
+    "vertices:{}/last.txt",
+];
+
 /// Other commands.
 const OTHERS: &[Case] = &[
     Case {
@@ -268,17 +280,36 @@ const OTHERS: &[Case] = &[
         check: "least volume on the way",
     },
     Case {
-        what: "a muscle that goes round, such as two that were joined at an end",
+        what: "fibres that go down a muscle and come back",
+        arguments: ARC,
+        wrong: &["{}/arc.obj => {}/round.obj"],
+        check: "fibres that turn back by more than 120 degrees",
+    },
+    Case {
+        what: "fibres across the line of action",
+        arguments: ARC,
+        wrong: &["{}/arc.obj => {}/round.obj"],
+        check: "mean angle between fibres and line of action",
+    },
+    Case {
+        what: "bodies thinner than the cells of their distance fields",
         arguments: &[
-            "fibres",
-            "{}/arc.obj",
+            "morph",
+            "{}/low.obj",
+            "{}/high.obj",
             "--unit",
             "m",
-            "--origin",
-            "vertices:{}/first.txt",
-            "--insertion",
-            "vertices:{}/last.txt",
+            "--frames",
+            "3",
+            "--method",
+            "volume",
         ],
+        wrong: &["--cells", "8"],
+        check: "distance of A and B from the shapes at their ends",
+    },
+    Case {
+        what: "a muscle that goes round, such as two that were joined at an end",
+        arguments: ARC,
         wrong: &["{}/arc.obj => {}/round.obj"],
         check: "length of a fibre, relative to the distance of its ends",
     },

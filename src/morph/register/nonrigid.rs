@@ -71,7 +71,7 @@ pub struct Bent {
     pub rounds: usize,
     /// True if the deformation ended by its threshold.
     pub converged: bool,
-    /// Number of vertices with a target in the last round.
+    /// Number of pairs in the last round: of vertices of either surface that are near the other.
     pub pairs: usize,
     /// Greatest angle between the rotations of two neighbouring clusters \[rad\].
     pub bend_max: f64,
@@ -131,7 +131,7 @@ impl NonRigid {
             if pairs < 6 {
                 return Err(RegisterError::Pairs {
                     pairs,
-                    of: start.len(),
+                    of: start.len() + fixed.points().len(),
                     round: rounds,
                 });
             }

@@ -4,6 +4,7 @@ use nalgebra::Point3;
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, TriangleMesh, isosurface};
 use pliant::morph::{CorrespondenceError, SphereError, by_volume};
+use pliant::progress::Silent;
 
 use crate::tolerances::worst;
 
@@ -29,7 +30,7 @@ fn a_ball_grows_and_moves_as_a_ball() {
     let small = icosphere(1.0, 4);
     let mut large = icosphere(2.0, 4);
     large.vertices.iter_mut().for_each(|p| p.x += 3.0);
-    let shape = by_volume([&small, &large], CELLS).expect("closed bodies");
+    let shape = by_volume([&small, &large], CELLS, &Silent).expect("closed bodies");
     for t in [0.0, 0.25, 0.5, 1.0] {
         let mesh = shape(t);
         let off = mesh.vertices.iter().map(|p| {
@@ -46,7 +47,7 @@ fn a_ball_grows_and_moves_as_a_ball() {
 fn a_handle_closes_on_the_way() {
     let (ring, ball) = (ring(), icosphere(1.2, 4));
     assert_eq!(handles(&ring), 1);
-    let shape = by_volume([&ring, &ball], CELLS).expect("closed bodies");
+    let shape = by_volume([&ring, &ball], CELLS, &Silent).expect("closed bodies");
     let counts: Vec<i64> = (0..=8)
         .map(|k| handles(&shape(f64::from(k) / 8.0)))
         .collect();
@@ -74,7 +75,7 @@ fn what_is_open_or_inside_out_is_refused() {
     let ball = icosphere(1.0, 2);
     let mut open = ball.clone();
     open.triangles.pop();
-    let error = by_volume([&ball, &open], CELLS).err();
+    let error = by_volume([&ball, &open], CELLS, &Silent).err();
     let expected = |error: &CorrespondenceError| {
         matches!(
             error,
@@ -87,7 +88,7 @@ fn what_is_open_or_inside_out_is_refused() {
     assert!(error.as_ref().is_some_and(expected), "{error:?}");
     let mut turned = ball.clone();
     turned.triangles.iter_mut().for_each(|t| t.swap(0, 1));
-    let error = by_volume([&turned, &ball], CELLS).err();
+    let error = by_volume([&turned, &ball], CELLS, &Silent).err();
     assert!(
         matches!(error, Some(CorrespondenceError::InsideOut { side: 0, .. })),
         "{error:?}"

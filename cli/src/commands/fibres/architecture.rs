@@ -6,8 +6,8 @@ use super::{Arguments, unusable};
 use crate::commands::areas::read_mesh;
 use crate::commands::failure::Failure;
 use crate::draft::names;
-use pliant::fibres::Attachment;
-use pliant::mesh::TriangleMesh;
+use pliant::fibres::{Area, Attachment};
+use pliant::mesh::{Topology, TriangleMesh};
 use pliant::scene::units::{Dimension, parse};
 use pliant::simulation::component;
 
@@ -54,6 +54,13 @@ const KINDS: [Kind; 4] = [
         central: false,
     },
 ];
+/// Least difference of the sides to which areas look that decides about the plates.
+const ASIDE: f64 = 0.2;
+/// Least and greatest share of the length that a plate covers.
+const LEAST: f64 = 0.05;
+const MOST: f64 = 0.95;
+/// Greatest number of plates in a file.
+const PLATES: usize = 64;
 /// Column of a table of architecture.
 const OPTIMAL: &str = "optimal_fiber_length_m";
 
@@ -84,7 +91,13 @@ pub(super) fn plates(
     } else {
         named(text)
     };
-    let made = widened(text, known, unit, muscle, attachment)?;
+    let made = widened(arguments, text, known, unit, muscle, attachment, notes)?;
+    if attachment.looks_apart(muscle) < ASIDE && !Path::new(text).exists() {
+        notes.push(
+            "origin and insertion look along the muscle, so which face has which plate is a choice: give plates in a file if it matters"
+                .to_owned(),
+        );
+    }
     let far = [&made.origin, &made.insertion].map(|area| area.patch.is_some());
     if far.contains(&true) {
         notes.push(
@@ -97,11 +110,13 @@ pub(super) fn plates(
 
 /// The areas with plates of a known kind, or of a share, or of a file.
 fn widened(
+    arguments: &Arguments,
     text: &str,
     known: Option<&Kind>,
     unit: f64,
     muscle: &TriangleMesh,
     attachment: &Attachment,
+    notes: &mut Vec<String>,
 ) -> Result<Attachment, Failure> {
     let number = text.parse::<f64>().ok().map(Reach::Share);
     let angle = parse(text, Dimension::Angle).ok().map(f64::to_degrees);
@@ -126,7 +141,20 @@ fn widened(
                 ));
             }
         };
-        return Ok(attachment.with_aponeuroses(muscle, share, central));
+        let thick = "the muscle is too thick for plates with such an angle between them";
+        if share < LEAST && known.is_none() && matches!(reach, Reach::Pennation(_)) {
+            return Err(Failure::usage(
+                format!("--aponeurosis {text}: {thick}"),
+                "give a greater angle, or a share of the length",
+            ));
+        }
+        let made = attachment.with_aponeuroses(muscle, share.min(MOST), central);
+        let is_empty = |area: &Area| area.sheet.as_ref().is_some_and(|s| s.triangles.is_empty());
+        if (share < LEAST && matches!(reach, Reach::Pennation(_))) || is_empty(&made.origin) {
+            notes.push(format!("{thick}: its fibres have no aponeuroses"));
+            return Ok(attachment.clone());
+        }
+        return Ok(made);
     }
     let path = Path::new(text);
     if !path.exists() {
@@ -139,7 +167,24 @@ fn widened(
         ));
     }
     let whole = read_mesh(path, unit)?;
-    let plates: Vec<TriangleMesh> = (0..).map_while(|k| component(&whole, Some(k))).collect();
+    let count = Topology::new(&whole).components().count;
+    if count > PLATES {
+        return Err(Failure::usage(
+            format!(
+                "--aponeurosis: {text} has {count} components; a file of plates has at most {PLATES}"
+            ),
+            "`pliant check FILE --repair DIR` merges vertices that lie in one place",
+        ));
+    }
+    if arguments.rest.is_some() {
+        return Err(Failure::usage(
+            "--aponeurosis names a file, but plates of a file do not move with the muscle of --rest",
+            "name a kind of architecture, or leave --rest out",
+        ));
+    }
+    let plates: Vec<TriangleMesh> = (0..count)
+        .filter_map(|k| component(&whole, Some(k)))
+        .collect();
     attachment
         .with_plates(muscle, &plates)
         .map_err(|error| unusable(&error))
@@ -197,6 +242,10 @@ pub(super) fn optimal_length(text: &str) -> Result<f64, Failure> {
             .parse()
             .ok()
             .filter(|l: &f64| *l > 0.0 && l.is_finite());
+        if found[row] {
+            let text = format!("{path}, line {}: row {} is there twice", k + 1, rows[row]);
+            return Err(wrong(text, "leave one of them"));
+        }
         sum += length.ok_or_else(|| {
             wrong(
                 format!("{path}, line {}: `{cell}` is no length in m", k + 1),

@@ -12,6 +12,9 @@ use pliant::mesh::{LONGEST_RIM, RepairOptions, RepairStep, Topology, TriangleMes
 /// Least share of the area that mending has to keep: more in another piece is another body.
 const KEPT: f64 = 0.8;
 
+/// More handles are noise: a surface with them is refused.
+const MOST_HANDLES: i64 = 50;
+
 /// Surfaces that a sphere can be spread over.
 pub(super) struct Mended {
     pub(super) surfaces: [Given; 2],
@@ -40,6 +43,18 @@ pub(super) fn mended(given: [Given; 2], paths: [&Path; 2], solid: bool) -> Mende
             keep_largest: !solid,
             merge_within: 0.0,
         };
+        // Each handle takes a search over the whole surface.
+        let closed = repair(
+            &one.mesh,
+            &[],
+            &RepairOptions {
+                cut_handles: 0.0,
+                ..options
+            },
+        );
+        if !solid && handles(&closed.mesh) > MOST_HANDLES {
+            return one;
+        }
         let found = repair(&one.mesh, &[], &options);
         let kept = found.mesh.area() / one.mesh.area();
         if found.changes.is_empty() || !is_fit(&found.mesh) || !(kept >= KEPT) {
@@ -69,6 +84,12 @@ pub(super) fn mended(given: [Given; 2], paths: [&Path; 2], solid: bool) -> Mende
         notes,
         handles_cut,
     }
+}
+
+/// Number of handles of a closed surface.
+fn handles(mesh: &TriangleMesh) -> i64 {
+    let topology = Topology::new(mesh);
+    topology.components().count as i64 - topology.euler_characteristic() / 2
 }
 
 /// True for closed, oriented, outward surfaces.

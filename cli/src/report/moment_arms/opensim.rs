@@ -58,12 +58,30 @@ impl OpenSimNames {
         }
     }
 
-    /// The path of each muscle.
-    pub fn paths(&self, arms: &[Arms]) -> Vec<FittedPath> {
-        let fitted = arms
-            .iter()
-            .filter_map(|arms| fit(arms, self.force(&arms.name)));
-        fitted.collect()
+    /// The first force that two of these muscles have.
+    pub fn shared<'m>(&self, muscles: impl IntoIterator<Item = &'m str>) -> Option<String> {
+        let mut all = std::collections::BTreeSet::new();
+        let mut forces = muscles.into_iter().map(|muscle| self.force(muscle));
+        forces.find(|force| !all.insert(force.clone()))
+    }
+
+    /// The path of each muscle, and a finding for each without one.
+    pub fn paths(&self, arms: &[Arms]) -> (Vec<FittedPath>, Vec<String>) {
+        let (mut paths, mut findings) = (Vec::new(), Vec::new());
+        for arms in arms {
+            match fit(arms, &self.force(&arms.name)) {
+                Some(path) => {
+                    findings.extend(path.finding());
+                    paths.push(path);
+                }
+                None => findings.push(format!(
+                    "{}: no path for OpenSim, as {} angles are too few for a polynomial",
+                    arms.name,
+                    arms.angles.len()
+                )),
+            }
+        }
+        (paths, findings)
     }
 }
 
@@ -105,39 +123,31 @@ fn at(coefficients: &[f64], q: f64) -> [f64; 2] {
 }
 
 /// The polynomial of least order that meets the tolerance at every second angle, which it has not
-/// seen; or the one with the least error.
-fn fit(arms: &Arms, force: String) -> Option<FittedPath> {
+/// seen; or the one with the least error. `None` for too few angles.
+fn fit(arms: &Arms, force: &str) -> Option<FittedPath> {
     let count = arms
         .angles
         .len()
         .min(arms.length.len())
         .min(arms.mean.len());
     let seen: Vec<usize> = (0..count).step_by(2).collect();
-    let unseen: Vec<usize> = (1..count).step_by(2).collect();
+    let whole: Vec<usize> = (0..count).collect();
     let mut best: Option<FittedPath> = None;
     for order in ORDERS[0]..=ORDERS[1] {
         // Twice as many numbers as coefficients.
-        if seen.len() < order + 1 || unseen.is_empty() {
+        if seen.len() < order + 1 || count < 2 {
             break;
         }
-        let tried = polynomial(arms, &seen, order)?;
-        let error = |which: usize| -> Vec<f64> {
-            let real = [&arms.length, &arms.mean][which];
-            let off = |&k: &usize| at(&tried, arms.angles[k])[which] - real[k];
-            unseen.iter().map(off).collect()
+        let both = polynomial(arms, &seen, order).zip(polynomial(arms, &whole, order));
+        let Some((tried, coefficients)) = both else {
+            break;
         };
-        let errors = [error(0), error(1)];
-        let [length_rms, arm_rms] = errors
-            .each_ref()
-            .map(|all| (all.iter().map(|e| e * e).sum::<f64>() / all.len() as f64).sqrt());
-        let [length_max, arm_max] = errors
-            .each_ref()
-            .map(|all| max_or_nan(all.iter().map(|e| e.abs())));
-        let whole: Vec<usize> = (0..count).collect();
+        let [(length_rms, length_max), (arm_rms, arm_max)] =
+            [0, 1].map(|which| errors(arms, &tried, count, which));
         let found = FittedPath {
             muscle: arms.name.clone(),
-            force: force.clone(),
-            coefficients: polynomial(arms, &whole, order)?,
+            force: force.to_owned(),
+            coefficients,
             length_rms,
             arm_rms,
             length_max,
@@ -147,12 +157,23 @@ fn fit(arms: &Arms, force: String) -> Option<FittedPath> {
         if found.meets() {
             return Some(found);
         }
-        let worse = |best: &FittedPath| found.arm_rms < best.arm_rms;
-        if best.as_ref().is_none_or(worse) {
+        if best
+            .as_ref()
+            .is_none_or(|best| found.arm_rms < best.arm_rms)
+        {
             best = Some(found);
         }
     }
     best
+}
+
+/// Root mean square and greatest error of lengths (0) or moment arms (1) at every second angle.
+fn errors(arms: &Arms, coefficients: &[f64], count: usize, which: usize) -> (f64, f64) {
+    let real = [&arms.length, &arms.mean][which];
+    let off = |k: usize| (at(coefficients, arms.angles[k])[which] - real[k]).abs();
+    let all: Vec<f64> = (1..count).step_by(2).map(off).collect();
+    let square: f64 = all.iter().map(|e| e * e).sum();
+    ((square / all.len() as f64).sqrt(), max_or_nan(all))
 }
 
 impl FittedPath {
@@ -165,7 +186,7 @@ impl FittedPath {
     }
 
     /// A finding where no order meets the tolerance.
-    pub fn finding(&self) -> Option<String> {
+    fn finding(&self) -> Option<String> {
         (!self.meets()).then(|| {
             format!(
                 "{}: no polynomial up to order {} meets {} mm: its moment arm is off by {} mm (RMS) where a muscle snaps or leaves a \
