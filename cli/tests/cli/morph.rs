@@ -370,7 +370,6 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
             "inside_out.obj was mended first: turned 320 triangles",
         ),
         (&fin, "fin.obj was mended first"),
-        (&ring, "ring.obj was mended first: cut 1 handle"),
     ] {
         for pair in [[shown(path), shown(&good)], [shown(&good), shown(path)]] {
             let few = ["--frames", "2", "--json", "--quiet", "--out", shown(&out)];
@@ -378,12 +377,19 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
             let summary: Value = serde_json::from_slice(&done.stdout).expect("a summary");
             let notes = summary["notes"].to_string();
             assert!(notes.contains(expected), "{pair:?}: {notes}");
-            let handles = i32::from(expected.contains("handle"));
-            assert_eq!(summary["morph"]["handles_cut"], handles);
+            assert_eq!(summary["morph"]["handles_cut"], 0);
             fs::remove_dir_all(&out).unwrap();
         }
     }
-    let cases: [(&Path, &[&str]); 2] = [
+    // What loses more than a fifth of its area is another body: a ring of few vertices, too.
+    let cases: [(&Path, &[&str]); 3] = [
+        (
+            &ring,
+            &[
+                "ring.obj: the surface has 1 handle (V - E + F = 0)",
+                "cut its handles",
+            ],
+        ),
         (
             &two,
             &[
