@@ -405,6 +405,8 @@ fn a_bond_halves_the_void_beside_an_implant() {
             "0,0,0",
             "--volume",
             "100cc",
+            "--edge",
+            "6mm",
             "--bond",
             bond,
             "--json",

@@ -303,8 +303,10 @@ const OTHERS: &[Case] = &[
             "3",
             "--method",
             "volume",
+            "--cells",
+            "32",
         ],
-        wrong: &["--cells", "8"],
+        wrong: &["32 => 8"],
         check: "distance of A and B from the shapes at their ends",
     },
     Case {
