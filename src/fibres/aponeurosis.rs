@@ -96,11 +96,11 @@ impl Attachment {
     }
 
     /// Adds given plates to the areas, each to the area that is nearer to its nearest point: as a
-    /// part of the surface where they lie on it, and as sheets inside otherwise.
+    /// part of the surface where they lie on it, and as sheets inside otherwise. Where plates of
+    /// both ends meet on the surface, those of the origin have the triangles.
     ///
     /// # Errors
-    /// A plate is empty or lies off the muscle. Where plates of both ends meet, the first has the
-    /// triangles.
+    /// A plate is empty or lies off the muscle.
     pub fn with_plates(
         &self,
         muscle: &TriangleMesh,
@@ -134,9 +134,10 @@ impl Attachment {
             let off = median(off.collect()).ok_or(AttachmentError::Empty { end })?;
             let inside = own.iter().filter(|p| solid.contains(p)).count();
             if off > ON_SURFACE * muscle.length() && 2 * inside > own.len() {
-                let area = [&mut made.origin, &mut made.insertion];
-                let [origin, insertion] = area;
-                let area = if k == 0 { origin } else { insertion };
+                let area = match end {
+                    MuscleEnd::Origin => &mut made.origin,
+                    MuscleEnd::Insertion => &mut made.insertion,
+                };
                 area.sheet = Some(match area.sheet.take() {
                     Some(mut both) => {
                         let first = both.vertices.len() as u32;
@@ -255,21 +256,15 @@ impl Frame {
         (p.coords.dot(&self.action) - self.from) / self.length
     }
 
-    /// Segments from plate to plate, side by side. Where plates lie opposite each other, the
-    /// harmonic field leads straight across; fibres of one muscle have about one direction, as
-    /// those between the ends of the plates must have it. Without such a place there is none.
+    /// Segments from plate to plate, side by side; none where no plates lie opposite each other.
+    /// There the harmonic field leads straight across, but fibres have about one direction in the
+    /// whole muscle: that of the fibres between the ends of the plates.
     fn guides(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<Vec<Point3<f64>>> {
         let areas = [&attachment.origin, &attachment.insertion];
-        let starts = areas.map(|area| {
-            let on_surface = area.triangles.iter().map(|&t| muscle.corners(t as usize));
-            let inside = area
-                .sheet
-                .iter()
-                .flat_map(|sheet| (0..sheet.triangles.len()).map(|t| sheet.corners(t)));
-            let middle =
-                |[a, b, c]: [Point3<f64>; 3]| Point3::from((a.coords + b.coords + c.coords) / 3.0);
-            on_surface.chain(inside).map(middle).collect::<Vec<_>>()
-        });
+        let middle = |([a, b, c], _): ([Point3<f64>; 3], f64)| {
+            Point3::from((a.coords + b.coords + c.coords) / 3.0)
+        };
+        let starts = areas.map(|area| area.pieces(muscle).map(middle).collect::<Vec<_>>());
         let last = starts[0].iter().map(|p| self.along(p));
         let first = starts[1].iter().map(|p| self.along(p));
         let last = last.fold(f64::NEG_INFINITY, f64::max);

@@ -63,6 +63,20 @@ pub struct Area {
 }
 
 impl Area {
+    /// Corners of each triangle [m], and the number of its sides that fibres reach: one on the
+    /// surface, two of the sheet inside.
+    pub(super) fn pieces<'a>(
+        &'a self,
+        muscle: &'a TriangleMesh,
+    ) -> impl Iterator<Item = ([Point3<f64>; 3], f64)> + 'a {
+        let on_surface = self.triangles.iter();
+        let on_surface = on_surface.map(|&t| (muscle.corners(t as usize), 1.0));
+        let inside = self.sheet.iter();
+        on_surface.chain(
+            inside.flat_map(|sheet| (0..sheet.triangles.len()).map(|t| (sheet.corners(t), 2.0))),
+        )
+    }
+
     /// Tree over the triangles and the sheet inside, for closest points.
     pub fn tree(&self, muscle: &TriangleMesh) -> SurfaceTree {
         let mut triangles: Vec<[u32; 3]> = self

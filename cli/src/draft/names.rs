@@ -190,11 +190,19 @@ const CROSSED: [(&[&str], &[&str]); 42] = [
     (&["anconeus"], &["elbow"]),
 ];
 
+/// A test whether the name of a muscle has words with all these beginnings.
+fn beginnings(muscle: &str) -> impl Fn(&[&str]) -> bool {
+    let words = words(muscle);
+    move |begins| {
+        let has = |begin: &&str| words.iter().any(|word| word.starts_with(begin));
+        begins.iter().all(has)
+    }
+}
+
 /// Whether a muscle crosses a joint, by its name; `None` if that does not tell.
 pub fn crosses(muscle: &str, joint: &str) -> Option<bool> {
-    let words = words(muscle);
-    let has = |begin: &&str| words.iter().any(|word| word.starts_with(begin));
-    let row = CROSSED.iter().find(|(begins, _)| begins.iter().all(has));
+    let has = beginnings(muscle);
+    let row = CROSSED.iter().find(|(begins, _)| has(begins));
     row.map(|(_, joints)| joints.contains(&joint))
 }
 
@@ -208,9 +216,8 @@ const INSERTIONS: [(&[&str], &str, &str); 3] = [
 
 /// The bone on which a muscle ends that crosses a joint, by their names.
 pub fn insertion(muscle: &str, joint: &str) -> Option<&'static str> {
-    let words = words(muscle);
-    let has = |begin: &&str| words.iter().any(|word| word.starts_with(begin));
-    let of = |row: &&(&[&str], &str, &str)| row.1 == joint && row.0.iter().all(has);
+    let has = beginnings(muscle);
+    let of = |row: &&(&[&str], &str, &str)| row.1 == joint && has(row.0);
     INSERTIONS.iter().find(of).map(|row| row.2)
 }
 
@@ -247,11 +254,8 @@ const ARCHITECTURE: [(&[&str], &str); 26] = [
 
 /// Name of the architecture of a muscle that textbooks of anatomy give, by its name.
 pub fn architecture(muscle: &str) -> Option<&'static str> {
-    let words = words(muscle);
-    let has = |begin: &&str| words.iter().any(|word| word.starts_with(begin));
-    let row = ARCHITECTURE
-        .iter()
-        .find(|(begins, _)| begins.iter().all(has));
+    let has = beginnings(muscle);
+    let row = ARCHITECTURE.iter().find(|(begins, _)| has(begins));
     row.map(|(_, name)| *name)
 }
 

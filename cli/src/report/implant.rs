@@ -54,7 +54,7 @@ pub struct Insertion<'a> {
     pub up: Option<Vector3<f64>>,
 }
 
-pub(super) use overview::overview;
+pub use overview::preview;
 
 /// One implant, with the skin that it can share with others.
 struct Single<'a> {

@@ -31,7 +31,7 @@ pub mod results;
 pub mod run;
 pub mod sensitivities;
 mod shots;
-pub mod skin;
+mod skin;
 pub mod springs;
 pub mod skin_accuracy;
 pub mod work_precision;

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::LinePlot;
 use super::output::{DataFile, OutputFile, Plot, RunOutput, Verdict, measures};
-use pliant::format::number;
+use pliant::format::{counted, number};
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::io::{PointData, file_name};
@@ -468,6 +468,7 @@ impl Morph<'_> {
                 plot: self.plot(),
             }],
             pictures: drawn.pictures(&file),
+            findings: self.findings(),
             notes: self.notes.clone(),
             explanations: vec![format!(
                 "Lengths are in {}. Conformal distortion is the greater over the smaller stretch of a triangle, area distortion its \
@@ -486,6 +487,16 @@ impl Morph<'_> {
             files: self.frames(&file),
             ..RunOutput::default()
         })
+    }
+
+    /// A cut handle may be a real hole of the body, such as the foramen of a hip bone.
+    fn findings(&self) -> Vec<String> {
+        let cut = self.handles_cut;
+        let text = format!(
+            "{}: where a hole is a part of the body, as in a hip bone, the shapes do not have it; --method volume keeps holes",
+            counted(cut, "handle is cut", "handles are cut")
+        );
+        (cut > 0).then_some(text).into_iter().collect()
     }
 
     /// A file for each shape, and one that lists them.

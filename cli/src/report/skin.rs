@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
-use super::implant::{Insertion, Point, joined, json_of, overview};
+use super::implant::{Insertion, Point, joined, json_of};
 use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::sensitivities::left_out;
 use super::{LinePlot, Table};
@@ -430,65 +430,6 @@ pub(super) fn output(run: &SkinRun) -> Result<RunOutput<'_>, PictureError> {
             .chain(left_out(run.scene.origin.uncertain()))
             .collect(),
         explanations: caveats.map(str::to_owned).collect(),
-        ..RunOutput::default()
-    })
-}
-
-/// Where implants will lie, without any equilibrium.
-///
-/// # Errors
-/// A picture that cannot be encoded.
-pub(crate) fn preview(run: &SkinRun, time_s: f64) -> Result<RunOutput<'_>, PictureError> {
-    let ready: Vec<_> = run.parts.iter().map(|part| &part.ready).collect();
-    let columns = [
-        "implants",
-        "centre [mm]",
-        "base [mm]",
-        "region [cm2]",
-        "vertices",
-        "largest volume [cc]",
-    ];
-    let mut table = Table::new("Where", columns);
-    let mut all = Vec::new();
-    for part in &run.parts {
-        let areas = part.areas_at(0);
-        for (order, frame) in part.ready.sites() {
-            let centre = frame.translation.vector;
-            let largest = order.implant.largest(part.ready.layers.edge);
-            table.row([
-                part.name.clone(),
-                format!(
-                    "{:.1}, {:.1}, {:.1}",
-                    1e3 * centre.x,
-                    1e3 * centre.y,
-                    1e3 * centre.z
-                ),
-                format!("{:.1}", 1e3 * order.implant.base),
-                format!("{:.1}", 1e4 * areas.before),
-                part.ready.layers.count().to_string(),
-                format!("{:.0}", 1e6 * largest),
-            ]);
-            all.push(json!({
-                "centre_m": centre.as_slice(),
-                "base_m": order.implant.base,
-                "area_before_m2": areas.before,
-                "vertices": part.ready.layers.count(),
-                "border_edges": part.ready.at_border,
-                "volume_most_m3": largest,
-            }));
-        }
-    }
-    Ok(RunOutput {
-        kind: "implant_preview",
-        name: run.scene.name.clone(),
-        measures: json!({"name": run.scene.skin.name, "implants": all}),
-        time_s,
-        title: format!("{}: where implants will lie", run.scene.name),
-        subtitle: "no equilibrium is computed".to_owned(),
-        tables_of_text: 1,
-        tables: vec![table],
-        pictures: vec![overview(&run.skin, &ready, run.scene.skin.up)?],
-        notes: run.notes.clone(),
         ..RunOutput::default()
     })
 }

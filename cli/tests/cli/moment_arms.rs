@@ -103,6 +103,8 @@ fn the_built_in_hip() {
         .collect()
     };
     let (lengths, arms) = (table("path_lengths"), table("moment_arms"));
+    // The normal equations of least squares over lengths and moment arms.
+    let mut sums = vec![(0.0, 0.0); coefficients.len()];
     for (k, row) in table("coordinate_values").iter().enumerate() {
         let q = row[1];
         let power = |(i, c): (usize, &f64)| c * q.powi(i as i32);
@@ -119,6 +121,21 @@ fn the_built_in_hip() {
             (-slope - arms[k][1]).abs() <= 5e-3,
             "{slope} {}",
             arms[k][1]
+        );
+        let (off, turn) = (length - lengths[k][1], -slope - arms[k][1]);
+        for (i, (sum, size)) in sums.iter_mut().enumerate() {
+            let by_length = off * q.powi(i as i32);
+            let by_arm = turn * -(i as f64) * q.powi(i as i32 - 1);
+            let by_arm = if i == 0 { 0.0 } else { by_arm };
+            *sum += by_length + by_arm;
+            *size += by_length.abs() + by_arm.abs();
+        }
+    }
+    for (i, (sum, size)) in sums.iter().enumerate() {
+        // Rounding of numbers of a tenth of a metre beside residuals of a hundredth of a millimetre.
+        assert!(
+            size > &0.0 && sum.abs() <= 1e-6 * size,
+            "{i}: {sum} of {size}"
         );
     }
     let set = fs::read_to_string(out.join("hip_FunctionBasedPathSet.xml")).expect("a set");

@@ -467,16 +467,7 @@ fn contacts(
 /// The area in each cell, in faces.
 fn contact(cells: &Cells, muscle: &TriangleMesh, area: &Area) -> Vec<f64> {
     let mut contact = vec![0.0; cells.count()];
-    let on_surface = area
-        .triangles
-        .iter()
-        .map(|&t| (muscle.corners(t as usize), 1.0));
-    // Fibres reach a sheet inside from both sides.
-    let inside = area
-        .sheet
-        .iter()
-        .flat_map(|sheet| (0..sheet.triangles.len()).map(|t| (sheet.corners(t), 2.0)));
-    for (corners, sides) in on_surface.chain(inside) {
+    for (corners, sides) in area.pieces(muscle) {
         let samples = over_triangle(&corners, 0.5 * cells.side);
         let [a, b, c] = corners;
         let each = 0.5 * sides * (b - a).cross(&(c - a)).norm()

@@ -142,7 +142,7 @@ fn widened(
             }
         };
         let thick = "the muscle is too thick for plates with such an angle between them";
-        if share < LEAST && known.is_none() && matches!(reach, Reach::Pennation(_)) {
+        if !(share >= LEAST) && known.is_none() && matches!(reach, Reach::Pennation(_)) {
             return Err(Failure::usage(
                 format!("--aponeurosis {text}: {thick}"),
                 "give a greater angle, or a share of the length",
@@ -150,7 +150,7 @@ fn widened(
         }
         let made = attachment.with_aponeuroses(muscle, share.min(MOST), central);
         let is_empty = |area: &Area| area.sheet.as_ref().is_some_and(|s| s.triangles.is_empty());
-        if (share < LEAST && matches!(reach, Reach::Pennation(_))) || is_empty(&made.origin) {
+        if (!(share >= LEAST) && matches!(reach, Reach::Pennation(_))) || is_empty(&made.origin) {
             notes.push(format!("{thick}: its fibres have no aponeuroses"));
             return Ok(attachment.clone());
         }

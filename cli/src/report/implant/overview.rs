@@ -2,10 +2,14 @@
 //! before.
 
 use nalgebra::{Point3, Vector3};
+use serde_json::json;
 
 use super::Picture;
+use crate::report::Table;
+use crate::report::output::RunOutput;
 use pliant::contact::Surface as Rays;
 use pliant::mesh::{Aabb, Topology, TriangleMesh};
+use pliant::simulation::SkinRun;
 use pliant::skin::{PreparedPatch, Whole};
 use pliant_render::{
     Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, TextStyle, View, colour,
@@ -97,7 +101,7 @@ fn axis(direction: &Vector3<f64>) -> String {
 ///
 /// # Errors
 /// A picture that cannot be encoded.
-pub(in crate::report) fn overview(
+pub(super) fn overview(
     skin: &TriangleMesh,
     all: &[&PreparedPatch],
     up: Option<Vector3<f64>>,
@@ -158,5 +162,64 @@ pub(in crate::report) fn overview(
         ),
         bytes: frame.to_png()?,
         wide: false,
+    })
+}
+
+/// Where implants will lie, without any equilibrium.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub fn preview(run: &SkinRun, time_s: f64) -> Result<RunOutput<'_>, PictureError> {
+    let ready: Vec<_> = run.parts.iter().map(|part| &part.ready).collect();
+    let columns = [
+        "implants",
+        "centre [mm]",
+        "base [mm]",
+        "region [cm2]",
+        "vertices",
+        "largest volume [cc]",
+    ];
+    let mut table = Table::new("Where", columns);
+    let mut all = Vec::new();
+    for part in &run.parts {
+        let areas = part.areas_at(0);
+        for (order, frame) in part.ready.sites() {
+            let centre = frame.translation.vector;
+            let largest = order.implant.largest(part.ready.layers.edge);
+            table.row([
+                part.name.clone(),
+                format!(
+                    "{:.1}, {:.1}, {:.1}",
+                    1e3 * centre.x,
+                    1e3 * centre.y,
+                    1e3 * centre.z
+                ),
+                format!("{:.1}", 1e3 * order.implant.base),
+                format!("{:.1}", 1e4 * areas.before),
+                part.ready.layers.count().to_string(),
+                format!("{:.0}", 1e6 * largest),
+            ]);
+            all.push(json!({
+                "centre_m": centre.as_slice(),
+                "base_m": order.implant.base,
+                "area_before_m2": areas.before,
+                "vertices": part.ready.layers.count(),
+                "border_edges": part.ready.at_border,
+                "volume_most_m3": largest,
+            }));
+        }
+    }
+    Ok(RunOutput {
+        kind: "implant_preview",
+        name: run.scene.name.clone(),
+        measures: json!({"name": run.scene.skin.name, "implants": all}),
+        time_s,
+        title: format!("{}: where implants will lie", run.scene.name),
+        subtitle: "no equilibrium is computed".to_owned(),
+        tables_of_text: 1,
+        tables: vec![table],
+        pictures: vec![overview(&run.skin, &ready, run.scene.skin.up)?],
+        notes: run.notes.clone(),
+        ..RunOutput::default()
     })
 }
