@@ -24,6 +24,9 @@ pub(crate) mod particles;
 pub mod random;
 pub(crate) mod simd;
 pub(crate) mod rest;
+pub(crate) mod rigid;
+#[cfg(feature = "scene")]
+pub(crate) mod spelling;
 pub mod constraints;
 pub mod contact;
 pub mod springs;
@@ -34,6 +37,8 @@ pub mod morph;
 pub mod fibres;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub mod skin;
+#[cfg(feature = "scene")]
+pub mod opensim;
 #[cfg(feature = "scene")]
 pub mod scene;
 pub mod geometric;

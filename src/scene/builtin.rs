@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::{SceneError, SceneProblem};
 use super::parse::{Surroundings, parse_content, parse_with, unknown_name};
-use super::spelling::shown_path;
+use crate::spelling::shown_path;
 use super::{Content, Scene, Variables, no_variables};
 
 /// Largest size of a scene file [bytes].

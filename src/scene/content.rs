@@ -112,6 +112,7 @@ pub(super) const KINDS: [KindSpec; 5] = [
             ("up", Plain),
             ("limits", Table(&Schema::Keys(&LIMITS))),
             ("bone", List(&schema::BONE)),
+            ("opensim", Table(&schema::OPENSIM)),
             ("capsule", List(&schema::CAPSULE)),
             ("muscle", List(&schema::MUSCLE)),
             ("interface", List(&schema::INTERFACE)),

@@ -27,6 +27,7 @@ impl Encode for Scene {
             frame_rate,
             up,
             bones,
+            opensim,
             capsules,
             muscles,
             interfaces,
@@ -44,6 +45,9 @@ impl Encode for Scene {
         to.field("frame_rate", frame_rate);
         to.field("up", up);
         to.field("bone", bones);
+        if let Some(drive) = opensim {
+            to.field("opensim", &**drive);
+        }
         to.field("capsule", capsules);
         to.field("muscle", muscles);
         to.field("interface", interfaces);

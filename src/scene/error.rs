@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::spelling::shown;
+use crate::spelling::shown;
 use super::tree::{Sources, Span};
 use super::units::{Dimension, UnitError};
 
@@ -153,7 +153,7 @@ pub enum SceneProblem {
         /// Advice.
         hint: String,
     },
-    /// E020 to E079: an unusable mesh, attachment or muscle; see `simulation::fault`.
+    /// E020 to E099: an unusable mesh, attachment or muscle, see `simulation::fault`; or a model or a motion of OpenSim.
     #[error("{message}")]
     Unfit {
         /// The code of the fault.

@@ -76,7 +76,7 @@ pub fn uncertain_quantity(
     };
     let (value, half) = (value.trim(), half.trim());
     let bad = || UnitError::NoInterval {
-        text: super::spelling::shown(text.trim()),
+        text: crate::spelling::shown(text.trim()),
         dimension,
     };
     let unit = split_number(half).ok_or_else(bad)?.1.trim();

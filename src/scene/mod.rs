@@ -16,6 +16,7 @@ mod interval;
 pub(crate) mod keys;
 mod limits;
 pub(crate) mod motion;
+mod opensim;
 mod origin;
 pub(crate) mod overrides;
 pub(crate) mod parse;
@@ -27,7 +28,6 @@ mod paths;
 mod reader;
 mod schema;
 pub(crate) mod solvers;
-mod spelling;
 pub(crate) mod study;
 mod tree;
 mod twist;
@@ -78,6 +78,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::mesh::{TriangleMesh, repair};
+use crate::opensim::ModelDrive;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 /// Greatest share of a muscle's vertices and of its area that a simulated scene may fix: with more,
@@ -97,6 +98,8 @@ pub struct Scene {
     pub up: Vector3<f64>,
     /// Rigid bodies with prescribed motions.
     pub bones: Vec<BoneSpec>,
+    /// The model of OpenSim that moves bones, if there is one.
+    pub opensim: Option<Arc<ModelDrive>>,
     /// Covers of joints that muscles must not penetrate.
     pub capsules: Vec<Capsule>,
     /// Deformable bodies.
@@ -197,7 +200,7 @@ pub struct Joint {
 impl Joint {
     /// The pose of a bone rotated by an angle \[rad\] from its pose in the file.
     pub fn pose(&self, angle: f64) -> Isometry3<f64> {
-        motion::turned(&self.axis, angle, &self.centre.coords)
+        crate::rigid::turned(&self.axis, angle, &self.centre.coords)
     }
 }
 

@@ -4,13 +4,14 @@
 //! it, both at constant speed: a screw. The speed jumps at each key. A smooth motion has a steady
 //! speed and no acceleration at each key, and its pose, speed and acceleration are continuous (C2).
 
-use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, Unit, Vector3};
 
 use super::error::{SceneError, SceneProblem};
 use super::reader::{Limit, Section};
 use super::twist::{Twist, smooth_step};
 use super::units::Dimension;
 use super::{Joint, Key, Motion};
+use crate::rigid::{screw_part, turned};
 
 /// Greatest angle of a part of a rotation about one axis between two keys \[rad\], well below the
 /// half turn, at which the axis of the relative pose is undefined.
@@ -19,10 +20,6 @@ const LARGEST_TURN: f64 = 2.0;
 const CLEAR_TURN: f64 = 3.0;
 /// Greatest angle of a key \[rad\]; bounds the number of inserted keys.
 const LARGEST_ANGLE: f64 = 1000.0;
-
-/// Least sine of half a turn. Below this, squares underflow and the direction of the axis is lost; so
-/// small a rotation has no effect.
-pub(super) const SMALLEST_SINE: f64 = 1e-150;
 
 impl Motion {
     /// The pose at a possibly fractional frame: the identity without keys, the pose of the first or
@@ -84,57 +81,6 @@ impl Motion {
             None => Twist::default(),
         }
     }
-}
-
-/// The part `share` (0..1) of the screw from the identity to `pose`, `exp(share log(pose))`.
-///
-/// Along the axis the translation is scaled. A rotation by `a` about a distant axis moves the body
-/// along a chord of length `2 r sin(a/2)` at the angle `a/2` to the start. The part's chord is
-/// therefore the whole one times `sin(share a/2) / sin(a/2)`, rotated back by `(1 - share) a/2`. No
-/// logarithm is needed, and nothing is lost near `a = 0`.
-fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
-    let quaternion = pose.rotation.quaternion();
-    // The quaternion of the shorter rotation.
-    let sign = if quaternion.w < 0.0 { -1.0 } else { 1.0 };
-    let (cosine, vector) = (sign * quaternion.w, sign * quaternion.imag());
-    let sine = vector.norm();
-    let moved = pose.translation.vector;
-    if sine < SMALLEST_SINE {
-        return Isometry3::from_parts(
-            Translation3::from(moved * share),
-            UnitQuaternion::identity(),
-        );
-    }
-    let axis = Unit::new_unchecked(vector / sine);
-    let half = libm::atan2(sine, cosine);
-    let along = axis.as_ref() * axis.dot(&moved);
-    let ratio = libm::sin(share * half) / sine;
-    let across = turn(&axis, -(1.0 - share) * half) * (moved - along) * ratio;
-    Isometry3::from_parts(
-        Translation3::from(along * share + across),
-        turn(&axis, 2.0 * share * half),
-    )
-}
-
-/// Rotation by an angle \[rad\]; the functions of libm give the same bits on every system.
-pub(super) fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
-    let (sine, cosine) = libm::sincos(0.5 * angle);
-    UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))
-}
-
-/// The pose after a rotation by an angle \[rad\] about an axis through a centre \[m\].
-pub(super) fn turned(
-    axis: &Unit<Vector3<f64>>,
-    angle: f64,
-    centre: &Vector3<f64>,
-) -> Isometry3<f64> {
-    let rotation = turn(axis, angle);
-    let back = if angle == 0.0 {
-        Vector3::zeros()
-    } else {
-        centre - rotation * centre
-    };
-    Isometry3::from_parts(Translation3::from(back), rotation)
 }
 
 /// A key as written: rotation about an axis through the joint's centre, translation along the axis,
@@ -456,7 +402,7 @@ mod tests {
             prop_assume!(axis.norm() > 1e-3);
             let pose = Isometry3::from_parts(
                 Translation3::from(Vector3::from(moved)),
-                super::turn(&Unit::new_normalize(axis), angle),
+                crate::rigid::turn(&Unit::new_normalize(axis), angle),
             );
             let point = Point3::from(point);
             let sum = screw_part(&pose, turn) * (screw_part(&pose, rest) * point);

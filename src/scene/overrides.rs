@@ -14,7 +14,7 @@ use super::error::{SceneError, SceneProblem};
 use super::reader::unknown_key;
 use super::schema::{Kind, ROOT, Schema};
 use super::solvers::{SOLVERS, SolverSpec};
-use super::spelling::{listed, nearest, shown};
+use crate::spelling::{listed, nearest, shown};
 use super::tree::{self, Entry, Node, Sources, Span, Table, Value};
 
 /// One segment of a path.

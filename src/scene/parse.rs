@@ -30,7 +30,7 @@ use super::error::{Gathered, SceneError, SceneProblem};
 use super::interval::Intervals;
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
-use super::spelling::{listed, nearest, shown};
+use crate::spelling::{listed, nearest, shown};
 use super::tree::{self, Node, Sources};
 use super::units::{self, Dimension};
 use super::{
@@ -213,11 +213,12 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
     let up = root.get("up").map(|item| item.direction()).transpose();
     let up = all.keep(up).flatten();
     let mut taken = HashSet::new();
-    let bones = bones(root, "bone", &mut taken, &mut all);
+    let mut bones = bones(root, "bone", &mut taken, &mut all);
     if bones.len() < root.each_section("bone").len() {
         // Without the name of a bone, what names it would be wrong as well.
         all.end()?;
     }
+    let opensim = all.keep(super::opensim::read(root, &mut bones, frames));
     let known = KnownBones::of(&bones);
     let capsules = all.keep(capsules(root, &known, &mut taken));
     let before = all.count();
@@ -258,6 +259,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         frame_rate: rate.unwrap_or_default(),
         up: up.map_or_else(Vector3::y, Unit::into_inner),
         bones,
+        opensim: opensim.flatten(),
         capsules: capsules.unwrap_or_default(),
         interfaces: interfaces.flatten().unwrap_or_default(),
         muscles,

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 
 use super::error::SceneProblem;
-use super::spelling::{shown, shown_path};
+use crate::spelling::{shown, shown_path};
 
 /// Value of a variable at the start of a path in a scene. The library reads no environment; its
 /// caller provides the values.

@@ -7,7 +7,7 @@ use super::interval::{Intervals, has_interval};
 pub(super) use super::keys::Limit;
 use super::parse::Surroundings;
 use super::schema::{Kind, Schema};
-use super::spelling::{nearest, shown};
+use crate::spelling::{nearest, shown};
 use super::tree::{Entry, Node, Sources, Span, Table, Value};
 use super::units::{self, Dimension};
 
@@ -342,6 +342,12 @@ impl<'a> Section<'a> {
             Some(item) => Ok(item),
             None => self.fail(SceneProblem::missing(key, format!("`{key} = {example}`"))),
         }
+    }
+
+    /// All values, in the order of the text.
+    pub(super) fn items(&self) -> impl Iterator<Item = (&'a str, Item<'a>)> {
+        let entries = self.table.entries.iter();
+        entries.map(|entry| (entry.key.as_str(), self.item(entry)))
     }
 
     /// The section at an optional key.

@@ -20,6 +20,8 @@ pub(super) enum Schema {
     Solvers,
     /// The material constants of a muscle.
     Material,
+    /// Names from outside of the scene, each with such a value.
+    Names(Kind),
 }
 
 /// Kind of the value of a key.
@@ -56,11 +58,15 @@ impl Schema {
                 all.extend([("density", Text), ("vertex_mass", Text)]);
                 all.extend(material_constants().map(|c| (c.key.key, c.key.schema())));
             }
+            Self::Names(_) => {}
         }
         all
     }
 
     pub(super) fn get(&self, key: &str) -> Option<Kind> {
+        if let Self::Names(kind) = self {
+            return Some(*kind);
+        }
         self.entries()
             .into_iter()
             .find(|(name, _)| *name == key)
@@ -191,6 +197,18 @@ const KEY: Schema = Schema::Listed(&[
     ("slide", Text),
     ("axis", Plain),
     ("translation", Plain),
+]);
+
+pub(super) const OPENSIM: Schema = Schema::Listed(&[
+    ("model", Text),
+    ("bones", Kind::Table(&Schema::Names(Text))),
+    ("at", Kind::Table(&Schema::Names(Text))),
+    ("forward", Plain),
+    ("centres", Kind::Table(&Schema::Names(Plain))),
+    ("motion", Text),
+    ("from", Text),
+    ("to", Text),
+    ("lead_in", Plain),
 ]);
 
 pub(super) const CAPSULE: Schema = Schema::Listed(&[

@@ -16,7 +16,7 @@ use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknow
 use super::paths::Variables;
 use super::reader::{Context, Item, Section};
 use super::schema::{Kind, Schema};
-use super::spelling::{shown, shown_path};
+use crate::spelling::{shown, shown_path};
 use super::tree::{self, Node, Sources, Span, Table, Value};
 
 pub use combine::Combine;

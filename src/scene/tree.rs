@@ -10,7 +10,7 @@ use toml::de::{DeTable, DeValue};
 use toml::{Spanned, de::DeInteger};
 
 use super::error::{SceneError, SceneProblem};
-use super::spelling::shown;
+use crate::spelling::shown;
 
 /// Greatest depth of nested values.
 const DEEPEST: usize = 64;

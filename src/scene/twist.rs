@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Translation3, Unit, UnitQuaternion, Vector3};
 
-use super::motion::{SMALLEST_SINE, turn};
+use crate::rigid::{SMALLEST_SINE, turn};
 
 /// Least product of two turns across each other, over the sum of their squares: below it both have one
 /// axis, since less than half of the digits would be left for a centre along it.

@@ -392,7 +392,7 @@ pub fn parse(text: &str, dimension: Dimension) -> Result<f64, UnitError> {
     let rest = rest.trim();
     if rest.is_empty() && dimension != Dimension::Ratio {
         return Err(UnitError::Bare {
-            number: super::spelling::shown(number),
+            number: crate::spelling::shown(number),
             dimension,
         });
     }
@@ -401,7 +401,7 @@ pub fn parse(text: &str, dimension: Dimension) -> Result<f64, UnitError> {
     let vanished = value == 0.0 && mantissa(number).bytes().any(|b| (b'1'..=b'9').contains(&b));
     if !value.is_finite() || vanished {
         return Err(UnitError::Overflow {
-            text: super::spelling::shown(trimmed),
+            text: crate::spelling::shown(trimmed),
         });
     }
     Ok(value)
@@ -418,7 +418,7 @@ pub fn scale(name: &str, dimension: Dimension) -> Result<f64, UnitError> {
 
 fn no_number(text: &str, dimension: Dimension) -> UnitError {
     let word = text.trim_start_matches(['+', '-']).to_ascii_lowercase();
-    let text = super::spelling::shown(text);
+    let text = crate::spelling::shown(text);
     if ["nan", "inf"].iter().any(|bad| word.starts_with(bad)) {
         UnitError::NotFinite { text }
     } else {
@@ -430,7 +430,7 @@ fn find(name: &str, dimension: Dimension) -> Result<&'static Unit, UnitError> {
     let plain = normalised(name);
     let among = |d: Dimension| d.units().iter().find(|u| u.names.contains(&plain.as_str()));
     among(dimension).ok_or_else(|| UnitError::WrongUnit {
-        unit: super::spelling::shown(name),
+        unit: crate::spelling::shown(name),
         dimension,
         actual: Dimension::ALL
             .into_iter()

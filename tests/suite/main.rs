@@ -30,6 +30,7 @@ mod lattice;
 mod laws;
 mod minima;
 mod moment_arms;
+mod opensim;
 mod mesh_error;
 mod morph;
 mod unload;

@@ -40,6 +40,8 @@ impl Fingerprint {
             mesh_error,
             // They judge the motion and do not change it.
             limits: _,
+            // The motions of the bones have it.
+            opensim: _,
             origin: _,
         } = &simulation.scene;
         print.add("the library".to_owned(), &crate::DIGEST);

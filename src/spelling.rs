@@ -6,12 +6,12 @@ use strsim::osa_distance;
 const SHOWN: usize = 64;
 
 /// The text in a message: control characters escaped, at most 64 characters.
-pub(super) fn shown(text: &str) -> String {
+pub(crate) fn shown(text: &str) -> String {
     shortened(text, SHOWN)
 }
 
 /// The same as [`shown`] for paths, which are useless if truncated.
-pub(super) fn shown_path(path: &std::path::Path) -> String {
+pub(crate) fn shown_path(path: &std::path::Path) -> String {
     shortened(&path.to_string_lossy(), 4096)
 }
 
@@ -35,7 +35,7 @@ fn shortened(text: &str, most: usize) -> String {
 const LISTED: usize = 12;
 
 /// Names in sequence, at most the first twelve.
-pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+pub(crate) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
     let mut names = names.fuse();
     let first: Vec<String> = names.by_ref().take(LISTED).map(shown).collect();
     let text = first.join(", ");
@@ -46,7 +46,7 @@ pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
 }
 
 /// The known name most similar to `name`, if it is similar enough.
-pub(super) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     // The text can have any length; beyond the longest key no distance is small.
     if name.chars().count() > SHOWN {
         return None;
