@@ -11,10 +11,12 @@ pub(crate) mod arms;
 mod chords;
 pub(crate) mod curve;
 pub(crate) mod names;
+mod poses;
 pub(crate) mod reference;
 pub(crate) mod sweep;
 
 pub use arms::Arms;
 pub use curve::{extremes, moment_arms};
+pub use poses::{PoseSet, bundles};
 pub use reference::{ReferenceError, Table};
-pub use sweep::{CrossingMuscle, MuscleStepper, Sweep, SweepError, SweepRun};
+pub use sweep::{joint_of, CrossingMuscle, MuscleStepper, Sweep, SweepError, SweepRun};

@@ -19,6 +19,7 @@ use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::max_or_nan;
 use crate::scene::{AreaSpec, Joint, Minimisation, Scene, Solver};
+use crate::rigid::screw_part;
 use crate::simulation::Stepper;
 use crate::simulation::joint_weights::{Distances, distances, joint_weights};
 use crate::simulation::tracked::{self, Tracked, TrackedParts};
@@ -26,7 +27,8 @@ use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
 use crate::solvers::descent::DescentSettings;
 use crate::solvers::sparse::FactorError;
-use motion::{joint, prepare};
+pub use motion::joint as joint_of;
+use motion::{Course, joint};
 
 /// Greatest number of angles of a sweep.
 pub const MOST_VALUES: usize = 10_000;
@@ -106,6 +108,9 @@ pub enum SweepError {
         "no muscle is held on both sides of the joint `{0}`: one end on a bone that turns, the other on one that rests"
     )]
     NothingCrosses(String),
+    /// No model moves the bones.
+    #[error("no model of OpenSim moves the bones of the scene")]
+    NoModel,
     /// A muscle is not closed.
     #[error(
         "muscle `{0}` is not closed, so it has no inside for fibres; `repair = true` and `close_holes` mend it"
@@ -169,8 +174,9 @@ pub struct CrossingMuscle {
     pub unconverged: usize,
     /// The frame at which the simulation of the muscle stopped, and the cause.
     pub stopped: Option<(usize, Broken)>,
-    /// Share of the joint's angle of each vertex; empty where the scene's solver moves the muscle.
-    joint_weights: Vec<f64>,
+    /// Share of each vertex in each joint's displacement; empty where the scene's solver moves the
+    /// muscle.
+    joint_weights: Vec<Vec<f64>>,
     bound: BoundVolume,
     now: Vec<Vec<Point3<f64>>>,
 }
@@ -190,14 +196,13 @@ pub struct SweepRun {
     pub muscles: Vec<CrossingMuscle>,
     /// Muscles that do not cross the joint.
     pub left_out: Vec<String>,
-    /// All values of the angle \[rad\].
+    /// All values of the angle \[rad\]; of a run through poses, their indices.
     pub angles: Vec<f64>,
     /// Angle between two values \[rad\].
     pub step: f64,
     /// Centre [m] and axis of the joint.
     pub joint: Joint,
-    frames: usize,
-    first: usize,
+    course: Course,
     done: usize,
 }
 
@@ -208,7 +213,7 @@ impl SweepRun {
     /// # Errors
     /// An invalid range, an unknown joint, no muscle over the joint, no fibres, or a scene that
     /// cannot run.
-    pub fn new(mut scene: Scene, sweep: &Sweep) -> Result<Self, SweepError> {
+    pub fn new(scene: Scene, sweep: &Sweep) -> Result<Self, SweepError> {
         let angles = angles(sweep)?;
         let (mut joint, turning) = joint(&scene, &sweep.joint)?;
         if let Some(axis) = sweep.axis {
@@ -216,53 +221,42 @@ impl SweepRun {
         }
         let step = (sweep.to - sweep.from) / (angles.len() - 1) as f64;
         let frames = sweep.frames.max(1) as usize;
-        let first = prepare(&mut scene, &turning, &joint, &angles, step, frames);
-        let crosses = |m: usize, scene: &Scene| {
-            let attachments = &scene.muscles[m].attachments;
-            attachments.iter().any(|a| turning[a.bone])
-                && attachments.iter().any(|a| !turning[a.bone])
+        let course = Course::of_joint(turning, &joint, &angles, step, frames);
+        let fibres = (sweep.fibres, sweep.by);
+        let (simulation, muscles, left_out) = started(scene, &sweep.joint, &course, fibres)?;
+        Ok(Self::begin(simulation, muscles, left_out, (angles, step, joint), course))
+    }
+
+    /// Prepares a scene that a model of OpenSim moves: it passes through poses, each with the values
+    /// of all coordinates of the model \[rad or m\]. Every vertex takes part in the displacement of
+    /// each joint by a share, as with [`MuscleStepper::Spread`].
+    ///
+    /// # Errors
+    /// A scene without a model, no muscle over its joints, no fibres, or a scene that cannot run.
+    pub fn through(
+        scene: Scene,
+        poses: &[Vec<f64>],
+        fibres: harmonic::HarmonicOptions,
+    ) -> Result<Self, SweepError> {
+        let Some(drive) = scene.opensim.clone() else {
+            return Err(SweepError::NoModel);
         };
-        let crossing: Vec<bool> = (0..scene.muscles.len())
-            .map(|m| crosses(m, &scene))
-            .collect();
-        if !crossing.contains(&true) {
-            return Err(SweepError::NothingCrosses(sweep.joint.clone()));
-        }
-        // A moment arm is that of the passive muscle, and the frames of a sweep are not those of the scene.
-        scene.effects.tone = None;
-        for muscle in &mut scene.muscles {
-            muscle.activation.clear();
-            muscle.fibre_count = None;
-        }
-        if sweep.by == MuscleStepper::Spread {
-            // One step per frame; the muscles over the joint have their own solver.
-            scene.solver = Solver::QuasiStatic(CORRECTION);
-            hold_all(&mut scene);
-        }
-        let mut simulation = Simulation::new(scene)?;
-        let names = |crosses: bool| {
-            let named = crossing
-                .iter()
-                .zip(&simulation.scene.muscles)
-                .filter(move |(c, _)| **c == crosses);
-            named.map(|(_, m)| m.name.clone()).collect::<Vec<_>>()
-        };
-        let left_out = names(false);
-        let mut keep = crossing.iter();
-        simulation.bodies.retain(|_| keep.next() == Some(&true));
-        let muscles = simulation
-            .bodies
-            .iter()
-            .map(|body| cross(body, &turning, sweep.fibres));
-        let mut muscles = muscles.collect::<Result<Vec<_>, _>>()?;
-        if sweep.by == MuscleStepper::Spread {
-            let near = near_bones(&simulation, &turning);
-            let placed = simulation.placed().to_vec();
-            let bones = smooth_bones(&simulation);
-            for ((muscle, body), near) in muscles.iter_mut().zip(&mut simulation.bodies).zip(near) {
-                muscle.joint_weights = track(body, (&near, &bones), &placed, &turning)?;
-            }
-        }
+        let course = Course::of_poses(&drive, poses);
+        let joint = course.shown(drive.place(0));
+        let fibres = (fibres, MuscleStepper::Spread);
+        let name = drive.joint_name(0).to_owned();
+        let (simulation, muscles, left_out) = started(scene, &name, &course, fibres)?;
+        let indices = (0..poses.len()).map(|k| k as f64).collect();
+        Ok(Self::begin(simulation, muscles, left_out, (indices, 1.0, joint), course))
+    }
+
+    fn begin(
+        simulation: Simulation,
+        muscles: Vec<CrossingMuscle>,
+        left_out: Vec<String>,
+        (angles, step, joint): (Vec<f64>, f64, Joint),
+        course: Course,
+    ) -> Self {
         let mut running = Self {
             simulation,
             muscles,
@@ -270,13 +264,12 @@ impl SweepRun {
             angles,
             step,
             joint,
-            frames,
-            first,
+            course,
             done: 0,
         };
         // A sweep that begins where the meshes are reaches its first value without a frame.
         running.record_reached();
-        Ok(running)
+        running
     }
 
     /// Number of values that are computed.
@@ -284,9 +277,14 @@ impl SweepRun {
         self.done
     }
 
+    /// Displacement of the first joint at a value [m].
+    pub fn displacement(&self, value: usize) -> Isometry3<f64> {
+        self.course.frames[self.course.values[value]][0]
+    }
+
     /// Records the value of the angle that the last frame has reached, if it has.
     fn record_reached(&mut self) {
-        if self.simulation.frame() == self.first + self.done * self.frames {
+        if self.course.values.get(self.done) == Some(&self.simulation.frame()) {
             self.record();
             self.done += 1;
         }
@@ -294,28 +292,20 @@ impl SweepRun {
 
     /// Sets the shapes that the muscles track in the next frame.
     fn aim(&mut self) {
-        let angle = self.angle(self.simulation.frame() + 1);
+        let frame = (self.simulation.frame() + 1).min(self.course.frames.len() - 1);
+        let displacements = &self.course.frames[frame];
         for (muscle, body) in self.muscles.iter().zip(&mut self.simulation.bodies) {
-            let turned = |(x, share): (&Point3<f64>, &f64)| self.joint.pose(angle * share) * x;
             if let Stepper::Tracked(tracked) = &mut body.method {
-                tracked.aim(
-                    body.rest
-                        .vertices
-                        .iter()
-                        .zip(&muscle.joint_weights)
-                        .map(turned)
-                        .collect(),
-                );
+                let mut shape = body.rest.vertices.clone();
+                // The joint farthest from the resting bodies moves first.
+                for (by, shares) in displacements.iter().zip(&muscle.joint_weights).rev() {
+                    shape
+                        .iter_mut()
+                        .zip(shares)
+                        .for_each(|(x, share)| *x = screw_part(by, *share) * *x);
+                }
+                tracked.aim(shape);
             }
-        }
-    }
-
-    /// The joint's angle at a frame \[rad\].
-    fn angle(&self, frame: usize) -> f64 {
-        match frame.checked_sub(self.first) {
-            None => self.angles[0] * frame as f64 / self.first as f64,
-            Some(after) => (self.angles[0] + self.step / self.frames as f64 * after as f64)
-                .min(self.angles[self.angles.len() - 1]),
         }
     }
 
@@ -359,6 +349,61 @@ impl SweepRun {
             muscle.volume_error = max_or_nan([muscle.volume_error, measures.volume_error.abs()]);
         }
     }
+}
+
+/// A scene that follows a course, with the muscles that cross a joint of it and the names of the
+/// others.
+fn started(
+    mut scene: Scene,
+    joint: &str,
+    course: &Course,
+    (fibres, by): (harmonic::HarmonicOptions, MuscleStepper),
+) -> Result<(Simulation, Vec<CrossingMuscle>, Vec<String>), SweepError> {
+    course.write(&mut scene);
+    let crosses = |m: usize, moves: &[bool]| {
+        let attachments = &scene.muscles[m].attachments;
+        attachments.iter().any(|a| moves[a.bone]) && attachments.iter().any(|a| !moves[a.bone])
+    };
+    // The first joint that each muscle crosses.
+    let crossed: Vec<Option<usize>> = (0..scene.muscles.len())
+        .map(|m| course.moves.iter().position(|moves| crosses(m, moves)))
+        .collect();
+    if crossed.iter().all(Option::is_none) {
+        return Err(SweepError::NothingCrosses(joint.to_owned()));
+    }
+    // A moment arm is that of the passive muscle, and the frames of a sweep are not those of the scene.
+    scene.effects.tone = None;
+    for muscle in &mut scene.muscles {
+        muscle.activation.clear();
+        muscle.fibre_count = None;
+    }
+    if by == MuscleStepper::Spread {
+        // One step per frame; the muscles over the joint have their own solver.
+        scene.solver = Solver::QuasiStatic(CORRECTION);
+        hold_all(&mut scene);
+    }
+    let mut simulation = Simulation::new(scene)?;
+    let all = simulation.scene.muscles.iter().zip(&crossed);
+    let left_out = all.filter(|(_, c)| c.is_none()).map(|(m, _)| m.name.clone());
+    let left_out = left_out.collect();
+    let mut keep = crossed.iter();
+    simulation.bodies.retain(|_| keep.next().is_some_and(Option::is_some));
+    let over = simulation.bodies.iter().zip(crossed.iter().flatten());
+    let muscles = over.map(|(body, joint)| cross(body, &course.moves[*joint], fibres));
+    let mut muscles = muscles.collect::<Result<Vec<_>, _>>()?;
+    if by == MuscleStepper::Spread {
+        let placed = simulation.placed().to_vec();
+        let bones = smooth_bones(&simulation);
+        let near = course.moves.iter().map(|moves| near_bones(&simulation, moves));
+        let near: Vec<Vec<Vec<Distances>>> = near.collect();
+        for (m, (muscle, body)) in muscles.iter_mut().zip(&mut simulation.bodies).enumerate() {
+            let joints = course.moves.iter().zip(&near);
+            let weights = joints.map(|(moves, near)| weights(body, &near[m], moves));
+            muscle.joint_weights = weights.collect::<Result<_, _>>()?;
+            track(body, &bones, &placed)?;
+        }
+    }
+    Ok((simulation, muscles, left_out))
 }
 
 /// The angles at equal distances.
@@ -439,20 +484,15 @@ fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
     simulation.placed().iter().enumerate().map(of).collect()
 }
 
-/// Makes a muscle track a prescribed shape. Returns the share of the joint's angle of each vertex.
+/// Makes a muscle track a prescribed shape.
 fn track(
     body: &mut Body,
-    (near, bones): (&[Distances], &[Arc<SmoothDistance>]),
+    bones: &[Arc<SmoothDistance>],
     placed: &[PosedObstacle],
-    turning: &[bool],
-) -> Result<Vec<f64>, SweepError> {
+) -> Result<(), SweepError> {
     let settings = DescentSettings {
         tolerance: CORRECTION.tolerance,
         iterations: CORRECTION.iterations,
-    };
-    let failed = |error| SweepError::Factor {
-        muscle: body.name.clone(),
-        error,
     };
     let parts = TrackedParts {
         edges: &body.edges,
@@ -460,16 +500,31 @@ fn track(
         tracking: TRACKING,
         bones,
     };
-    let made = Tracked::new(parts, &body.system, placed, settings).map_err(failed)?;
-    let held: Vec<(u32, f64)> = body
-        .attached
-        .iter()
-        .map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 }))
-        .collect();
-    let joint_weights =
-        joint_weights(&body.rest, &Topology::new(&body.rest), near, &held).map_err(failed)?;
+    let made = Tracked::new(parts, &body.system, placed, settings);
+    let made = made.map_err(|error| SweepError::Factor {
+        muscle: body.name.clone(),
+        error,
+    })?;
     body.method = Stepper::Tracked(Box::new(made));
-    Ok(joint_weights)
+    Ok(())
+}
+
+/// Share of each vertex of a muscle in the displacement of a joint.
+fn weights(body: &Body, near: &[Distances], moves: &[bool]) -> Result<Vec<f64>, SweepError> {
+    let share = |bone: usize| if moves[bone] { 1.0 } else { 0.0 };
+    let held: Vec<(u32, f64)> = body.attached.iter().map(|&(v, b)| (v, share(b))).collect();
+    // A muscle that does not cross the joint follows it, or rests, as a whole.
+    if let Some(&(_, one)) = held.first()
+        && held.iter().all(|(_, share)| *share == one)
+    {
+        return Ok(vec![one; body.rest.vertices.len()]);
+    }
+    joint_weights(&body.rest, &Topology::new(&body.rest), near, &held).map_err(|error| {
+        SweepError::Factor {
+            muscle: body.name.clone(),
+            error,
+        }
+    })
 }
 
 /// Fibres of a muscle from its attachment to resting bones to its attachment to turning bones.

@@ -211,6 +211,15 @@ impl<'p> Element<'p> {
         elements.map(move |node| self.with(node))
     }
 
+    /// Elements inside at any depth that are components: those of `<defaults>` are not.
+    pub(super) fn components(self) -> impl Iterator<Item = Self> {
+        let in_defaults = |e: &Self| {
+            let mut above = e.node.ancestors();
+            above.any(|n| n.tag_name().name() == "defaults")
+        };
+        self.descendants().filter(move |e| !in_defaults(e))
+    }
+
     pub(super) fn parent(self) -> Option<Self> {
         self.node.parent_element().map(|node| self.with(node))
     }

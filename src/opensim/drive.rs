@@ -3,8 +3,13 @@
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::document::{MALFORMED, ModelError};
-use super::model::Model;
+use super::model::{Model, ModelMuscle};
 use crate::encode::{Encode, Encoder};
+
+/// Turn that shows the axis of a coordinate \[rad\].
+const SMALL_TURN: f64 = 0.1;
+/// Least sine of the angle between an axis and the upward direction.
+const LEAST_ACROSS: f64 = 0.1;
 
 /// A bone of a scene: the index of its body, and the place of the joint between this body and its
 /// parent in the scene [m], if it is known.
@@ -100,6 +105,57 @@ impl ModelDrive {
         })
     }
 
+    /// A model that moves the bones of a scene about joints of the scene. Each coordinate has the
+    /// place and the axis of its joint there, and the bones that turn about it. The axis of the first
+    /// coordinate and the direction `up` give the model's orientation in the scene.
+    ///
+    /// # Errors
+    /// No coordinate, or one whose axis is upright.
+    pub fn about_joints(
+        model: Model,
+        joints: &[(usize, (Point3<f64>, Vector3<f64>), Vec<bool>)],
+        up: Vector3<f64>,
+    ) -> Result<Self, ModelError> {
+        let rest = model.defaults();
+        let fail = |message: &str| Err(ModelError::whole("", MALFORMED, message));
+        let of = |coordinate: usize| model.joints.iter().find(|j| j.coordinates.contains(&coordinate));
+        let Some((first, (_, axis), turning)) = joints.first() else {
+            return fail("no coordinate");
+        };
+        let Some(root) = of(*first).map(|joint| joint.parent) else {
+            return fail("no joint has the coordinate");
+        };
+        let mut moved = rest.clone();
+        moved[*first] += SMALL_TURN;
+        let child = of(*first).map_or(0, |joint| joint.child);
+        let [before, after] = [&rest, &moved].map(|values| model.poses(values)[child]);
+        let Some(own) = (after.rotation * before.rotation.inverse()).axis() else {
+            return fail("the coordinate turns nothing");
+        };
+        // The model's axis with its upward direction, and those of the scene.
+        let frames = [(own.into_inner(), Vector3::y()), (*axis, up)].map(|(axis, up)| {
+            let across = up - axis * axis.dot(&up);
+            let across = across.try_normalize(LEAST_ACROSS)?;
+            Some(nalgebra::Matrix3::from_columns(&[axis, across, axis.cross(&across)]))
+        });
+        let [Some(model_frame), Some(scene_frame)] = frames else {
+            return fail("the axis of the first coordinate is upright, so that it does not tell where the subject looks");
+        };
+        let turned = scene_frame * model_frame.transpose();
+        let mut bones = vec![Some((root, None)); turning.len()];
+        // A joint stands after the one that carries it.
+        for joint in &model.joints {
+            for (coordinate, (centre, _), turning) in joints {
+                if joint.coordinates.contains(coordinate) {
+                    let all = bones.iter_mut().zip(turning).filter(|(_, turns)| **turns);
+                    all.for_each(|(bone, _)| *bone = Some((joint.child, Some(*centre))));
+                }
+            }
+        }
+        let axes = [turned * Vector3::x(), turned * Vector3::y()];
+        Self::new(model, &bones, rest, axes)
+    }
+
     /// Number of joints that move bones.
     pub fn joints(&self) -> usize {
         self.links.len()
@@ -108,6 +164,35 @@ impl ModelDrive {
     /// Name of a joint.
     pub fn joint_name(&self, joint: usize) -> &str {
         &self.model.joints[self.links[joint].joint].name
+    }
+
+    /// Place of a joint in the scene where the meshes are [m].
+    pub fn place(&self, joint: usize) -> Point3<f64> {
+        let Link {
+            joint: k,
+            into,
+            around,
+            ..
+        } = &self.links[joint];
+        let frame = self.model.joints[*k].frames[1];
+        into.inverse() * around[1].inverse() * frame * Point3::origin()
+    }
+
+    /// The direction in the scene that is between forward and up: parts of muscles are numbered from
+    /// the front and the top.
+    pub fn front_and_top(&self) -> Vector3<f64> {
+        self.links[0].into.rotation.inverse() * Vector3::new(1.0, 1.0, 0.0)
+    }
+
+    /// The end of a muscle's path that the first joint does not move, in the scene where the meshes
+    /// are [m].
+    pub fn origin(&self, muscle: &ModelMuscle) -> Option<Point3<f64>> {
+        let poses = self.model.poses(&self.rest);
+        let first = &self.links[0];
+        let child = self.model.joints[first.joint].child;
+        let ends = [muscle.points.first()?, muscle.points.last()?];
+        let (body, at) = ends.into_iter().find(|(body, _)| !self.model.hangs_on(*body, child))?;
+        Some(first.into.inverse() * poses[*body] * at)
     }
 
     /// Which bones of the scene a joint moves.

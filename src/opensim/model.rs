@@ -261,7 +261,7 @@ impl<'p> Reader<'p> {
             name: "ground".to_owned(),
             meshes: ground.map_or(Ok(Vec::new()), meshes)?,
         });
-        for element in model.descendants() {
+        for element in model.components() {
             match element.tag() {
                 "Body" if !element.name().is_empty() => {
                     let index = reader.bodies.len();
@@ -303,7 +303,7 @@ impl<'p> Reader<'p> {
     fn joints(&mut self) -> Result<Vec<(Element<'p>, ModelJoint)>, ModelError> {
         let elements: Vec<Element<'p>> = self
             .model
-            .descendants()
+            .components()
             .filter(|e| e.tag().ends_with("Joint") && !e.name().is_empty())
             .collect();
         // Functions of a joint can name coordinates of another.
@@ -433,7 +433,7 @@ impl<'p> Reader<'p> {
 
     fn couplers(&self) -> Result<Vec<Coupler>, ModelError> {
         let mut couplers = Vec::new();
-        for element in self.model.descendants() {
+        for element in self.model.components() {
             if element.tag() != "CoordinateCouplerConstraint" || !element.flag_or("isEnforced", true)
             {
                 continue;
@@ -465,7 +465,7 @@ impl<'p> Reader<'p> {
 
     fn muscles(&self) -> Result<Vec<ModelMuscle>, ModelError> {
         let mut muscles = Vec::new();
-        for element in self.model.descendants() {
+        for element in self.model.components() {
             let has_force = element.child("max_isometric_force").is_some();
             if !has_force || element.child("optimal_fiber_length").is_none() || element.name().is_empty() {
                 continue;

@@ -324,7 +324,7 @@ pub fn splice(text: &str, file: &str, paths: &[FittedPath]) -> Result<String, Mo
     for path in paths {
         let short = path.force.rsplit('/').next().unwrap_or_default();
         let found = model
-            .descendants()
+            .components()
             .find(|e| e.name() == short && path_of(*e) == path.force);
         let Some(force) = found else {
             let message = format!("the model has no force `{}`", shown(&path.force));

@@ -281,7 +281,7 @@ fn between(
 mod tests {
     use super::*;
     use approx::assert_relative_eq;
-    use nalgebra::Point3;
+    use nalgebra::{Point3, UnitQuaternion};
     use proptest::prelude::*;
 
     fn off_origin(angle: f64, slide: f64) -> Isometry3<f64> {

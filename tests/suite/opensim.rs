@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
-use pliant::opensim::{Model, MotionTable};
+use pliant::opensim::Model;
 
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 

@@ -1,4 +1,6 @@
-//! `pliant moment-arms`: fibres of muscles during the rotation of a joint.
+//! `pliant moment-arms`: fibres of muscles during the rotation of a joint, or over poses of a model.
+
+mod poses;
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -19,7 +21,7 @@ use pliant::fibres::harmonic::HarmonicOptions;
 use pliant::format::number;
 use pliant::io::pvd::Collection;
 use pliant::moment_arms::{
-    Arms, MuscleStepper, ReferenceError, Sweep, SweepError, SweepRun, Table,
+    Arms, CrossingMuscle, MuscleStepper, ReferenceError, Sweep, SweepError, SweepRun, Table,
 };
 use pliant::scene::Content;
 use pliant::scene::units::{Dimension, parse};
@@ -37,6 +39,8 @@ Examples:
   pliant moment-arms examples/right-hip-muscles.toml --joint hip --compare literature_Blemker2005_envelopes.csv
   pliant moment-arms examples/right-hip-muscles.toml --joint hip --axis 0,0,1 --coordinate hip_adduction --to 20deg
   pliant moment-arms right-hip.toml --joint hip --opensim /jointset/hip_r/hip_flexion_r --forces 'gluteus maximus=glmax2_r'
+  pliant moment-arms hip --osim model.osim --coordinate hip_flexion_r=hip,hip_adduction_r=hip \
+      --range hip_flexion_r=-10deg:60deg,hip_adduction_r=-20deg:20deg --forces 'gluteus maximus=glmax1_r+glmax2_r+glmax3_r' --splice
 
 A moment arm is -dL/dq, of a fibre's length L over the joint's angle q: positive where pulling turns the joint towards greater
 angles. Angle 0 is where the meshes are. A joint is a bone's motion with centre and axis; `joint = \"hip\"` there gives it a
@@ -54,8 +58,8 @@ pub(super) struct Arguments {
     #[arg(default_value = "hip")]
     scene: String,
     /// Name of the joint, or of the bone that rotates about it
-    #[arg(long, value_name = "NAME")]
-    joint: String,
+    #[arg(long, value_name = "NAME", required_unless_present = "osim")]
+    joint: Option<String>,
     /// First angle, such as -10deg
     #[arg(
         long,
@@ -89,10 +93,10 @@ pub(super) struct Arguments {
     /// Number of points per fibre
     #[arg(long, value_name = "N", default_value = "15", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     points: u32,
-    /// Motion of the muscles: the rotation spread over each muscle and corrected for bones and
+    /// What moves the muscles: the rotation spread over each muscle and corrected for bones and
     /// volume, or the scene's solver
     #[arg(long, value_name = "WHAT", default_value = "spread")]
-    motion: Motion,
+    stepper: StepperName,
     /// Frames per increment of the angle, for the scene's solver
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
@@ -103,14 +107,18 @@ pub(super) struct Arguments {
     /// A table of moment arms for comparison; may be given several times
     #[arg(long, value_name = "FILE")]
     compare: Vec<PathBuf>,
-    /// Name of the angle in tables [default: JOINT_flexion]
+    /// Name of the angle in tables [default: JOINT_flexion]; with --osim the coordinates, as
+    /// NAME[=JOINT],..., with a joint of the scene where no model moves its bones
     #[arg(long, value_name = "NAME")]
     coordinate: Option<String>,
+    #[command(flatten)]
+    over: poses::OverPoses,
     /// Coordinate of a model of OpenSim, such as /jointset/hip_r/hip_flexion_r: also write paths for it
     #[arg(long, value_name = "PATH", value_parser = coordinate_path)]
     opensim: Option<String>,
-    /// Forces of that model, as MUSCLE=FORCE,... [default: the names of the muscles]
-    #[arg(long, value_name = "LIST", requires = "opensim", value_parser = forces)]
+    /// Forces of the model, as MUSCLE=FORCE,...; with --osim MUSCLE=FORCE+FORCE divides a muscle into
+    /// bundles by the origins of its fibres [default: the names of the muscles]
+    #[arg(long, value_name = "LIST", value_parser = forces)]
     forces: Option<Forces>,
     #[command(flatten)]
     output: Output,
@@ -119,7 +127,7 @@ pub(super) struct Arguments {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Motion {
+enum StepperName {
     Spread,
     Scene,
 }
@@ -139,15 +147,19 @@ fn axis(text: &str) -> Result<Unit<Vector3<f64>>, String> {
 
 /// Muscles of the scene with the forces of a model.
 #[derive(Clone, Debug)]
-struct Forces(Vec<(String, String)>);
+struct Forces(Vec<(String, Vec<String>)>);
 
 fn forces(text: &str) -> Result<Forces, String> {
     let pair = |part: &str| {
         let (muscle, force) = part.split_once('=')?;
         let (muscle, force) = (muscle.trim(), force.trim());
         // Names of muscles can have spaces, those of a model cannot.
-        let is_path = !force.is_empty() && !force.contains(char::is_whitespace);
-        (is_path && !muscle.is_empty()).then(|| (muscle.to_owned(), force.to_owned()))
+        let is_path = |f: &&str| !f.is_empty() && !f.contains(char::is_whitespace);
+        let forces: Vec<&str> = force.split('+').map(str::trim).collect();
+        (forces.iter().all(is_path) && !muscle.is_empty()).then(|| {
+            let forces = forces.into_iter().map(str::to_owned).collect();
+            (muscle.to_owned(), forces)
+        })
     };
     let all: Option<Vec<_>> = text.split(',').map(pair).collect();
     all.map(Forces).ok_or_else(|| {
@@ -184,6 +196,7 @@ impl From<SweepError> for Failure {
             SweepError::NothingCrosses(_) => {
                 "attach a muscle to bones on both sides, or name another joint"
             }
+            SweepError::NoModel => "add a section [opensim] to the scene",
             SweepError::Open(_) => "`pliant check` tells what is wrong with a mesh",
             SweepError::Areas { .. } => "change the attachments of the muscle in the scene",
             SweepError::Factor { .. } => "attach every piece of the muscle to a bone",
@@ -223,18 +236,49 @@ impl Observer<SweepRun> for Written<'_> {
         if running.done() == self.done {
             return ControlFlow::Continue(());
         }
-        let k = self.done;
-        self.done = running.done();
-        if let Err(error) = files::write_fibres(self.folder, running, k, &mut self.series) {
+        let k = running.done() - 1;
+        let angle = running.angles[k].to_degrees();
+        self.write(running, (k, angle), format!("at {} degrees", number(angle)))
+    }
+}
+
+impl Written<'_> {
+    /// Writes value `k`, whose time in the series is `time`.
+    fn write(
+        &mut self,
+        running: &SweepRun,
+        (k, time): (usize, f64),
+        title: String,
+    ) -> ControlFlow<()> {
+        self.done = k + 1;
+        if let Err(error) = files::write_fibres(self.folder, running, (k, time), &mut self.series) {
             self.failed = Some(error);
             return ControlFlow::Break(());
         }
         if self.shown.contains(&k) {
-            let title = format!("at {} degrees", number(running.angles[k].to_degrees()));
             self.pictures.push((title, files::picture(running)));
         }
         ControlFlow::Continue(())
     }
+}
+
+/// Rejects forces of unknown muscles, and a force of two muscles.
+fn names_of_forces(names: &OpenSimNames, muscles: &[CrossingMuscle]) -> Result<(), Failure> {
+    let is_known = |name: &str| muscles.iter().any(|m| m.name == name);
+    if let Some((name, _)) = names.forces.iter().find(|(name, _)| !is_known(name)) {
+        let known: Vec<&str> = muscles.iter().map(|m| m.name.as_str()).collect();
+        return Err(Failure::usage(
+            format!("--forces: no muscle `{name}` crosses the joint"),
+            format!("the muscles are {}", known.join(", ")),
+        ));
+    }
+    if let Some(force) = names.shared(muscles.iter().map(|m| m.name.as_str())) {
+        return Err(Failure::usage(
+            format!("two muscles have the force {force}"),
+            "give each its own with --forces",
+        ));
+    }
+    Ok(())
 }
 
 /// The sweep that is described.
@@ -250,7 +294,7 @@ fn sweep(arguments: &Arguments) -> Result<Sweep, Failure> {
         ));
     }
     Ok(Sweep {
-        joint: arguments.joint.clone(),
+        joint: arguments.joint.clone().unwrap_or_default(),
         axis: arguments.axis,
         from: angle("from", &arguments.from)?,
         to: angle("to", &arguments.to)?,
@@ -260,7 +304,7 @@ fn sweep(arguments: &Arguments) -> Result<Sweep, Failure> {
             count: arguments.count as usize,
             points: arguments.points as usize,
         },
-        by: if arguments.motion == Motion::Spread {
+        by: if arguments.stepper == StepperName::Spread {
             MuscleStepper::Spread
         } else {
             MuscleStepper::Scene
@@ -281,6 +325,13 @@ fn check_smooth(values: usize, smooth: usize) -> Result<(), Failure> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    if let Some(osim) = &arguments.over.osim {
+        return poses::run(arguments, osim);
+    }
+    if arguments.forces.is_some() && arguments.opensim.is_none() {
+        let hint = "give --osim MODEL or --opensim COORDINATE";
+        return Err(Failure::usage("--forces are those of a model of OpenSim", hint));
+    }
     let begun = Instant::now();
     let sweep = sweep(arguments)?;
     let tables = arguments
@@ -311,21 +362,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             .map_or(Vec::new(), |forces| forces.0),
     });
     if let Some(names) = &opensim {
-        let is_known = |name: &str| running.muscles.iter().any(|m| m.name == name);
-        if let Some((name, _)) = names.forces.iter().find(|(name, _)| !is_known(name)) {
-            let known: Vec<&str> = running.muscles.iter().map(|m| m.name.as_str()).collect();
-            return Err(Failure::usage(
-                format!("--forces: no muscle `{name}` crosses the joint"),
-                format!("the muscles are {}", known.join(", ")),
-            ));
+        names_of_forces(names, &running.muscles)?;
+        if names.forces.iter().any(|(_, forces)| forces.len() > 1) {
+            let hint = "give --osim and --coordinate for bundles";
+            return Err(Failure::usage("--forces: one force for each muscle of a sweep", hint));
         }
-    }
-    let own = running.muscles.iter().map(|m| m.name.as_str());
-    if let Some(force) = opensim.as_ref().and_then(|names| names.shared(own)) {
-        return Err(Failure::usage(
-            format!("two muscles have the force {force}"),
-            "give each its own with --forces",
-        ));
     }
     let folder = Folder::open(&out)?;
     let values = running.angles.len();
@@ -347,7 +388,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let coordinate = arguments
         .coordinate
         .clone()
-        .unwrap_or_else(|| format!("{}_flexion", arguments.joint));
+        .unwrap_or_else(|| format!("{}_flexion", sweep.joint));
     let mut arms: Vec<Arms> = running
         .muscles
         .iter()
@@ -358,7 +399,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .map_err(refused)?;
     let swept = Swept {
         scene: name,
-        joint: arguments.joint.clone(),
+        joint: sweep.joint.clone(),
         coordinate,
         by: sweep.by,
         time_s: begun.elapsed().as_secs_f64(),

@@ -6,7 +6,7 @@ pub(super) use staged::Job;
 
 use std::cell::Cell;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -39,6 +39,7 @@ Examples:
   pliant run hip --checkpoint-every 50
   pliant run hip --resume
   pliant run flat-implant --set implant.volume=50cc
+  pliant run leg.toml --motion walk.mot
   pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --fibre-lines psoas.vtk --unit mm --animate gif
 
 Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
@@ -60,6 +61,9 @@ pub(super) struct Arguments {
     /// follows the error of each frame, which a second run beside it tells
     #[arg(long, value_name = "ERROR")]
     accuracy: Option<String>,
+    /// Motion from a file of OpenSim (.mot, .sto), for a scene with a section [opensim]
+    #[arg(long, value_name = "FILE")]
+    motion: Option<PathBuf>,
     /// Also run the scene on triangles a quarter as large, and state the error of the mesh: about eight times as long
     #[arg(long)]
     mesh_error: bool,
@@ -116,6 +120,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             .as_ref()
             .map(|error| format!("accuracy={error}")),
     );
+    if let Some(motion) = &arguments.motion {
+        // A path of a scene starts in its folder, one of the command line where the command runs.
+        let path = std::path::absolute(motion).unwrap_or_else(|_| motion.clone());
+        changes.push(format!("opensim.motion={}", path.display()));
+    }
     changes.extend(arguments.mesh_error.then(|| "mesh_error=true".to_owned()));
     if arguments.meshes.are_given() {
         let (scene, toml) = from_meshes::scene(&arguments.meshes, &changes)?;

@@ -1,6 +1,7 @@
 //! Files of a sweep of a joint: curves as tables and plots, fibres for ParaView, pictures, a page.
 
 mod opensim;
+mod poses;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde_json::{Value, json};
@@ -15,6 +16,7 @@ use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
+use pliant::opensim::paths::MOST_ORDER;
 use pliant::moment_arms::{Arms, CrossingMuscle, MuscleStepper, SweepRun, extremes};
 use pliant_render::{
     Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render,
@@ -35,6 +37,7 @@ const MUSCLES: [Rgb; 5] = [
 const AROUND: f64 = 0.15;
 
 pub use opensim::OpenSimNames;
+pub use poses::{Posed, output_of_poses};
 
 /// Parameters of the sweep, for the report.
 #[derive(Clone, Debug)]
@@ -62,7 +65,7 @@ pub struct Swept {
 pub fn write_fibres(
     folder: &Folder,
     running: &SweepRun,
-    k: usize,
+    (k, time): (usize, f64),
     series: &mut Collection,
 ) -> Result<(), FolderError> {
     let (mut points, mut lines) = (Vec::<Point3<f64>>::new(), Vec::<Vec<u32>>::new());
@@ -89,7 +92,7 @@ pub fn write_fibres(
         },
     )?;
     series.push(Entry {
-        time: running.angles[k].to_degrees(),
+        time,
         part: 0,
         name: "fibres".to_owned(),
         file,
@@ -103,7 +106,7 @@ pub fn write_fibres(
         };
         put(folder, &file, &data)?;
         series.push(Entry {
-            time: running.angles[k].to_degrees(),
+            time,
             part: 1 + b,
             name: body.name.clone(),
             file,
@@ -162,10 +165,10 @@ pub fn picture(running: &SweepRun) -> Frame {
         .muscles
         .iter()
         .flat_map(|m| m.fibres.iter().flatten().copied());
+    let turned_by = [0, running.angles.len() - 1].map(|k| running.displacement(k));
     let turned: Vec<Point3<f64>> = rest
         .flat_map(|p| {
-            [running.angles[0], running.angles[running.angles.len() - 1]]
-                .map(|q| running.joint.pose(q) * p)
+            turned_by.map(|pose| pose * p)
         })
         .collect();
     let bounds = pliant::mesh::measures::Aabb::of_points(&turned);
@@ -264,7 +267,8 @@ pub fn output<'a>(
         tables.push(comparisons(arms));
     }
     let names = swept.opensim.as_ref();
-    let (paths, findings) = names.map(|names| names.paths(arms)).unwrap_or_default();
+    let samples = names.map_or(Vec::new(), |names| names.samples(arms));
+    let (paths, findings) = opensim::fit(&samples, MOST_ORDER);
     let mut measures = to_json(swept, running, arms);
     if names.is_some() {
         tables.push(opensim::table(&paths));
@@ -273,8 +277,8 @@ pub fn output<'a>(
     let mut files = vec![OutputFile::new("fibres.pvd", move |path| {
         series.write(path)
     })];
-    if let Some(names) = names {
-        files.extend(opensim::files(&swept.scene, names, paths, arms));
+    if names.is_some() {
+        files.extend(opensim::files(&swept.scene, paths, samples, None));
     }
     Ok(RunOutput {
         kind: "moment_arms",

@@ -13,7 +13,7 @@ impl Scenario for SweepRun {
     }
 
     fn frames(&self) -> usize {
-        self.first + (self.angles.len() - 1) * self.frames
+        self.course.frames.len() - 1
     }
 
     fn frame(&self) -> usize {

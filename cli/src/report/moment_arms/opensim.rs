@@ -1,226 +1,126 @@
-//! Lengths and moment arms of muscles for OpenSim 4.5 and later: paths as polynomials of a coordinate
-//! (`FunctionBasedPath`), and tables (`.sto`) with the column names of its own fitter.
+//! Paths of muscles for OpenSim 4.5 and later: a set of polynomials (`FunctionBasedPath`), tables
+//! (`.sto`) with the column names of its own fitter, and a model with the paths in place.
 //!
 //! The path length is the mean length of the fibres. A tendon adds a constant, which moment arms do
 //! not see: the tendon slack length of the muscle takes it up.
 
-use std::io::{self, Write};
-use std::path::Path;
+use std::io::Write as _;
 
-use nalgebra::{DMatrix, DVector};
 use serde_json::{Value, json};
 
 use super::super::Table;
 use super::super::output::OutputFile;
 use pliant::format::number;
 use pliant::io::{file_name, write_whole};
-use pliant::mesh::measures::max_or_nan;
 use pliant::moment_arms::Arms;
-
-/// Root mean square error of lengths and of moment arms that a polynomial has to meet at angles that
-/// it has not seen [m]: that of OpenSim's own fitter.
-const TOLERANCE: f64 = 1e-4;
-/// Least and greatest order of a polynomial.
-const ORDERS: [usize; 2] = [2, 9];
+use pliant::opensim::paths::{
+    FittedPath, MOST_ORDER, PathSamples, TOLERANCE, write_set, write_table,
+};
 
 /// Names of a model.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct OpenSimNames {
     /// Absolute path of the coordinate, such as `/jointset/hip_r/hip_flexion_r`.
     pub coordinate: String,
-    /// Names of muscles of the scene with the forces of the model.
-    pub forces: Vec<(String, String)>,
-}
-
-/// A polynomial of the coordinate [rad] with its errors at angles that it has not seen [m].
-pub struct FittedPath {
-    muscle: String,
-    force: String,
-    coefficients: Vec<f64>,
-    length_rms: f64,
-    arm_rms: f64,
-    length_max: f64,
-    arm_max: f64,
-    range: [f64; 2],
+    /// Names of muscles of the scene with the forces of the model, one for each bundle.
+    pub forces: Vec<(String, Vec<String>)>,
 }
 
 impl OpenSimNames {
-    /// The absolute path of the force of a muscle.
-    fn force(&self, muscle: &str) -> String {
+    /// The absolute paths of the forces of a muscle.
+    pub fn of(&self, muscle: &str) -> Vec<String> {
         let named = self.forces.iter().find(|(name, _)| name == muscle);
         // A name of OpenSim has no spaces.
-        let own = muscle.replace(char::is_whitespace, "_");
-        let force = named.map_or(own.as_str(), |(_, force)| force.as_str());
-        if force.starts_with('/') {
-            force.to_owned()
-        } else {
-            format!("/forceset/{force}")
-        }
+        let own = vec![muscle.replace(char::is_whitespace, "_")];
+        let forces = named.map_or(&own, |(_, forces)| forces).iter();
+        let absolute = |force: &String| match force.starts_with('/') {
+            true => force.clone(),
+            false => format!("/forceset/{force}"),
+        };
+        forces.map(absolute).collect()
     }
 
     /// The first force that two of these muscles have.
     pub fn shared<'m>(&self, muscles: impl IntoIterator<Item = &'m str>) -> Option<String> {
         let mut all = std::collections::BTreeSet::new();
-        let mut forces = muscles.into_iter().map(|muscle| self.force(muscle));
+        let mut forces = muscles.into_iter().flat_map(|muscle| self.of(muscle));
         forces.find(|force| !all.insert(force.clone()))
     }
 
-    /// The path of each muscle, and a finding for each without one.
-    pub fn paths(&self, arms: &[Arms]) -> (Vec<FittedPath>, Vec<String>) {
-        let (mut paths, mut findings) = (Vec::new(), Vec::new());
-        for arms in arms {
-            match fit(arms, &self.force(&arms.name)) {
-                Some(path) => {
-                    findings.extend(path.finding());
-                    paths.push(path);
-                }
-                None => findings.push(format!(
-                    "{}: no path for OpenSim, as {} angles are too few for a polynomial",
-                    arms.name,
-                    arms.angles.len()
-                )),
-            }
-        }
-        (paths, findings)
-    }
-}
-
-/// Coefficients of a polynomial of this order over some angles [rad], by least squares over lengths
-/// and moment arms with equal weights.
-fn polynomial(arms: &Arms, angles: &[usize], order: usize) -> Option<Vec<f64>> {
-    let rows = 2 * angles.len();
-    let matrix = DMatrix::from_fn(rows, order + 1, |row, k| {
-        let q = arms.angles[angles[row / 2]];
-        if row % 2 == 0 {
-            q.powi(k as i32)
-        } else if k == 0 {
-            0.0
-        } else {
-            -(k as f64) * q.powi(k as i32 - 1)
-        }
-    });
-    let right = DVector::from_fn(rows, |row, _| {
-        let k = angles[row / 2];
-        if row % 2 == 0 {
-            arms.length[k]
-        } else {
-            arms.mean[k]
-        }
-    });
-    let solution = matrix.svd(true, true).solve(&right, 1e-14).ok()?;
-    let all: Vec<f64> = solution.iter().copied().collect();
-    all.iter().all(|c| c.is_finite()).then_some(all)
-}
-
-/// Length and moment arm of a polynomial at an angle [rad].
-fn at(coefficients: &[f64], q: f64) -> [f64; 2] {
-    let (mut length, mut slope) = (0.0, 0.0);
-    for c in coefficients.iter().rev() {
-        slope = slope * q + length;
-        length = length * q + c;
-    }
-    [length, -slope]
-}
-
-/// The polynomial of least order that meets the tolerance at every second angle, which it has not
-/// seen; or the one with the least error. `None` for too few angles.
-fn fit(arms: &Arms, force: &str) -> Option<FittedPath> {
-    let count = arms
-        .angles
-        .len()
-        .min(arms.length.len())
-        .min(arms.mean.len());
-    let seen: Vec<usize> = (0..count).step_by(2).collect();
-    let whole: Vec<usize> = (0..count).collect();
-    let mut best: Option<FittedPath> = None;
-    for order in ORDERS[0]..=ORDERS[1] {
-        // Twice as many numbers as coefficients.
-        if seen.len() < order + 1 || count < 2 {
-            break;
-        }
-        let both = polynomial(arms, &seen, order).zip(polynomial(arms, &whole, order));
-        let Some((tried, coefficients)) = both else {
-            break;
+    /// The samples of each muscle of a sweep.
+    pub fn samples(&self, arms: &[Arms]) -> Vec<(String, PathSamples)> {
+        let of = |a: &Arms| {
+            let count = a.angles.len().min(a.length.len()).min(a.mean.len());
+            let samples = PathSamples {
+                force: self.of(&a.name).remove(0),
+                coordinates: vec![self.coordinate.clone()],
+                values: a.angles[..count].iter().map(|q| vec![*q]).collect(),
+                lengths: a.length[..count].to_vec(),
+                arms: a.mean[..count].iter().map(|r| vec![*r]).collect(),
+            };
+            (a.name.clone(), samples)
         };
-        let [(length_rms, length_max), (arm_rms, arm_max)] =
-            [0, 1].map(|which| errors(arms, &tried, count, which));
-        let found = FittedPath {
-            muscle: arms.name.clone(),
-            force: force.to_owned(),
-            coefficients,
-            length_rms,
-            arm_rms,
-            length_max,
-            arm_max,
-            range: [arms.angles[0], arms.angles[count - 1]],
+        arms.iter().map(of).collect()
+    }
+}
+
+/// A path with the muscle that it stands for.
+pub struct Fitted {
+    pub muscle: String,
+    pub path: FittedPath,
+}
+
+/// The path of each muscle, and a finding for each without one, or whose path does not meet the
+/// tolerance.
+pub fn fit(samples: &[(String, PathSamples)], most_order: usize) -> (Vec<Fitted>, Vec<String>) {
+    let (mut paths, mut findings) = (Vec::new(), Vec::new());
+    for (muscle, samples) in samples {
+        let Some(path) = samples.fit(TOLERANCE, most_order) else {
+            findings.push(format!(
+                "{muscle}: no path for OpenSim, as {} poses are too few for a polynomial, or no coordinate moves it",
+                samples.values.len()
+            ));
+            continue;
         };
-        if found.meets() {
-            return Some(found);
-        }
-        if best
-            .as_ref()
-            .is_none_or(|best| found.arm_rms < best.arm_rms)
-        {
-            best = Some(found);
-        }
-    }
-    best
-}
-
-/// Root mean square and greatest error of lengths (0) or moment arms (1) at every second angle.
-fn errors(arms: &Arms, coefficients: &[f64], count: usize, which: usize) -> (f64, f64) {
-    let real = [&arms.length, &arms.mean][which];
-    let off = |k: usize| (at(coefficients, arms.angles[k])[which] - real[k]).abs();
-    let all: Vec<f64> = (1..count).step_by(2).map(off).collect();
-    let square: f64 = all.iter().map(|e| e * e).sum();
-    ((square / all.len() as f64).sqrt(), max_or_nan(all))
-}
-
-impl FittedPath {
-    fn meets(&self) -> bool {
-        self.length_rms <= TOLERANCE && self.arm_rms <= TOLERANCE
-    }
-
-    fn order(&self) -> usize {
-        self.coefficients.len() - 1
-    }
-
-    /// A finding where no order meets the tolerance.
-    fn finding(&self) -> Option<String> {
-        (!self.meets()).then(|| {
-            format!(
-                "{}: no polynomial up to order {} meets {} mm: its moment arm is off by {} mm (RMS) where a muscle snaps or leaves a \
-                 bone; see opensim in summary.json",
-                self.muscle,
-                ORDERS[1],
+        if !path.meets(TOLERANCE) {
+            findings.push(format!(
+                "{muscle}: no polynomial up to order {} for {} meets {} mm: its moment arm is off by {} mm (RMS) where a muscle snaps or leaves a \
+                 bone, or where poses are too few; see opensim in summary.json",
+                most_order.min(MOST_ORDER),
+                path.force,
                 1e3 * TOLERANCE,
-                number(1e3 * self.arm_rms)
-            )
-        })
+                number(1e3 * path.arm_error[0])
+            ));
+        }
+        paths.push(Fitted {
+            muscle: muscle.clone(),
+            path,
+        });
     }
-
-    fn to_json(&self) -> Value {
-        json!({
-            "muscle": self.muscle,
-            "force": self.force,
-            "order": self.order(),
-            "coefficients": self.coefficients,
-            "length_rms_m": self.length_rms,
-            "length_max_m": self.length_max,
-            "moment_arm_rms_m": self.arm_rms,
-            "moment_arm_max_m": self.arm_max,
-            "meets": self.meets(),
-        })
-    }
+    (paths, findings)
 }
 
 /// The paths as JSON.
-pub fn to_json(paths: &[FittedPath]) -> Value {
-    paths.iter().map(FittedPath::to_json).collect()
+pub fn to_json(paths: &[Fitted]) -> Value {
+    let one = |Fitted { muscle, path }: &Fitted| {
+        json!({
+            "muscle": muscle,
+            "force": path.force,
+            "coordinates": path.coordinates,
+            "order": path.order,
+            "coefficients": path.coefficients,
+            "length_rms_m": path.length_error[0],
+            "length_max_m": path.length_error[1],
+            "moment_arm_rms_m": path.arm_error[0],
+            "moment_arm_max_m": path.arm_error[1],
+            "meets": path.meets(TOLERANCE),
+        })
+    };
+    paths.iter().map(one).collect()
 }
 
 /// The paths as a table.
-pub fn table(paths: &[FittedPath]) -> Table {
+pub fn table(paths: &[Fitted]) -> Table {
     let columns = [
         "muscle",
         "force",
@@ -230,148 +130,62 @@ pub fn table(paths: &[FittedPath]) -> Table {
         "moment arm, RMS [mm]",
         "greatest [mm]",
     ];
-    let mut table = Table::new("Paths for OpenSim, at angles left out of the fit", columns);
-    for path in paths {
+    let mut table = Table::new("Paths for OpenSim, at poses left out of the fit", columns);
+    for Fitted { muscle, path } in paths {
         let mm = |m: f64| number(1e3 * m);
         table.row([
-            path.muscle.clone(),
+            muscle.clone(),
             path.force.clone(),
-            path.order().to_string(),
-            mm(path.length_rms),
-            mm(path.length_max),
-            mm(path.arm_rms),
-            mm(path.arm_max),
+            path.order.to_string(),
+            mm(path.length_error[0]),
+            mm(path.length_error[1]),
+            mm(path.arm_error[0]),
+            mm(path.arm_error[1]),
         ]);
     }
     table
 }
 
-/// Text for XML.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-}
-
-/// The set of paths, and the tables of lengths, moment arms and coordinate.
+/// The set of paths, the tables of lengths, moment arms and coordinates, and the model with the
+/// paths in place if its text is given.
 pub fn files<'a>(
     name: &str,
-    names: &'a OpenSimNames,
-    paths: Vec<FittedPath>,
-    arms: &'a [Arms],
+    paths: Vec<Fitted>,
+    samples: Vec<(String, PathSamples)>,
+    spliced: Option<String>,
 ) -> Vec<OutputFile<'a>> {
     let file = file_name(name);
-    let short = names
-        .coordinate
-        .rsplit('/')
-        .next()
-        .unwrap_or_default()
-        .to_owned();
-    let force = |a: &Arms| names.force(&a.name);
-    let columns = |what: &str| -> Vec<String> {
-        arms.iter()
-            .map(|a| format!("{}_{what}", force(a)))
-            .collect()
+    let samples: Vec<PathSamples> = samples.into_iter().map(|(_, samples)| samples).collect();
+    let fitted: Vec<FittedPath> = paths.into_iter().map(|fitted| fitted.path).collect();
+    let coordinates = samples.first().map_or(Vec::new(), |s| s.coordinates.clone());
+    let count = samples.iter().map(|s| s.values.len()).min().unwrap_or(0);
+    let short = |path: &String| path.rsplit('/').next().unwrap_or_default().to_owned();
+    let lengths: Vec<String> = samples.iter().map(|s| format!("{}_length", s.force)).collect();
+    let arms = samples.iter().flat_map(|s| {
+        let of = |c: &String| format!("{}_moment_arm_{}", s.force, short(c));
+        s.coordinates.iter().map(of).collect::<Vec<_>>()
+    });
+    let arms: Vec<String> = arms.collect();
+    let values: Vec<String> = coordinates.iter().map(|c| format!("{c}/value")).collect();
+    let samples = std::rc::Rc::new(samples);
+    let table = |what: &'static str, columns: Vec<String>, row: fn(&[PathSamples], usize) -> Vec<f64>| {
+        let samples = samples.clone();
+        OutputFile::new(format!("{file}_{what}.sto"), move |path| {
+            write_table(path, what, &columns, (0..count).map(|k| row(&samples, k)))
+        })
     };
-    let lengths = columns("length");
-    let moment_arms = columns(&format!("moment_arm_{short}"));
-    let value = vec![format!("{}/value", names.coordinate)];
-    let count = arms.iter().map(|a| a.angles.len()).min().unwrap_or(0);
-    vec![
+    let mut files = vec![
         OutputFile::new(format!("{file}_FunctionBasedPathSet.xml"), move |path| {
-            write_set(path, &names.coordinate, &paths)
+            write_set(path, &fitted)
         }),
-        OutputFile::new(format!("{file}_path_lengths.sto"), move |path| {
-            write_sto(path, "path_lengths", &lengths, count, |k, m| {
-                arms[m].length[k]
-            })
-        }),
-        OutputFile::new(format!("{file}_moment_arms.sto"), move |path| {
-            write_sto(path, "moment_arms", &moment_arms, count, |k, m| {
-                arms[m].mean[k]
-            })
-        }),
-        OutputFile::new(format!("{file}_coordinate_values.sto"), move |path| {
-            write_sto(path, "coordinate_values", &value, count, |k, _| {
-                arms[0].angles[k]
-            })
-        }),
-    ]
-}
-
-fn write_set(path: &Path, coordinate: &str, paths: &[FittedPath]) -> io::Result<()> {
-    write_whole(path, |w| {
-        writeln!(w, "<?xml version=\"1.0\" encoding=\"UTF-8\" ?>")?;
-        writeln!(w, "<OpenSimDocument Version=\"40600\">")?;
-        writeln!(w, "\t<Set_FunctionBasedPath_>\n\t\t<objects>")?;
-        for path in paths {
-            let [from, to] = path.range.map(f64::to_degrees);
-            writeln!(
-                w,
-                "\t\t\t<!-- {} to {} degrees; errors at angles left out of the fit: length {} mm, moment arm {} mm (RMS). The length is \
-                 that of the fibres; a tendon adds a constant. -->",
-                number(from),
-                number(to),
-                number(1e3 * path.length_rms),
-                number(1e3 * path.arm_rms)
-            )?;
-            writeln!(
-                w,
-                "\t\t\t<FunctionBasedPath name=\"{}\">",
-                escaped(&path.force)
-            )?;
-            writeln!(
-                w,
-                "\t\t\t\t<coordinate_paths>{}</coordinate_paths>",
-                escaped(coordinate)
-            )?;
-            writeln!(
-                w,
-                "\t\t\t\t<length_function>\n\t\t\t\t\t<MultivariatePolynomialFunction>"
-            )?;
-            let all: Vec<String> = path.coefficients.iter().map(f64::to_string).collect();
-            writeln!(
-                w,
-                "\t\t\t\t\t\t<coefficients>{}</coefficients>",
-                all.join(" ")
-            )?;
-            writeln!(w, "\t\t\t\t\t\t<dimension>1</dimension>")?;
-            writeln!(w, "\t\t\t\t\t\t<order>{}</order>", path.order())?;
-            writeln!(
-                w,
-                "\t\t\t\t\t</MultivariatePolynomialFunction>\n\t\t\t\t</length_function>"
-            )?;
-            writeln!(w, "\t\t\t</FunctionBasedPath>")?;
-        }
-        writeln!(
-            w,
-            "\t\t</objects>\n\t\t<groups />\n\t</Set_FunctionBasedPath_>"
-        )?;
-        writeln!(w, "</OpenSimDocument>")
-    })
-}
-
-/// A table with a row for each angle; the time is the index of the row.
-fn write_sto(
-    path: &Path,
-    name: &str,
-    columns: &[String],
-    count: usize,
-    value: impl Fn(usize, usize) -> f64,
-) -> io::Result<()> {
-    write_whole(path, |w| {
-        writeln!(
-            w,
-            "{name}\ninDegrees=no\nDataType=double\nversion=3\nendheader"
-        )?;
-        writeln!(w, "time\t{}", columns.join("\t"))?;
-        for k in 0..count {
-            let row: Vec<String> = (0..columns.len())
-                .map(|m| value(k, m).to_string())
-                .collect();
-            writeln!(w, "{k}\t{}", row.join("\t"))?;
-        }
-        Ok(())
-    })
+        table("path_lengths", lengths, |all, k| all.iter().map(|s| s.lengths[k]).collect()),
+        table("moment_arms", arms, |all, k| all.iter().flat_map(|s| s.arms[k].clone()).collect()),
+        table("coordinate_values", values, |all, k| all[0].values[k].clone()),
+    ];
+    if let Some(text) = spliced {
+        files.push(OutputFile::new(format!("{file}_model.osim"), move |path| {
+            write_whole(path, |w| w.write_all(text.as_bytes()))
+        }));
+    }
+    files
 }
