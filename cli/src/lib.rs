@@ -7,4 +7,4 @@ pub mod stress;
 pub mod commands;
 mod draft;
 
-pub use commands::main;
+pub use commands::{main, main_with};

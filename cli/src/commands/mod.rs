@@ -36,6 +36,7 @@ mod study;
 mod unload;
 mod view;
 
+use std::ffi::OsString;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
@@ -134,9 +135,15 @@ enum Command {
     Implant(Box<implant::Arguments>),
 }
 
-/// Runs the command line. Returns the exit code of the process.
+/// Runs the command line of the process. Returns its exit code.
 pub fn main() -> ExitCode {
-    let parsed = Arguments::command().try_get_matches().and_then(|given| {
+    ExitCode::from(main_with(std::env::args_os()))
+}
+
+/// Runs a command line, which begins with the name of the program. Returns the exit code.
+pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let given = Arguments::command().try_get_matches_from(arguments);
+    let parsed = given.and_then(|given| {
         QUIET.store(is_quiet(&given), Ordering::Relaxed);
         Arguments::from_arg_matches(&given)
     });
@@ -146,10 +153,10 @@ pub fn main() -> ExitCode {
             if error.use_stderr() {
                 // If the output is closed, nobody can read an error.
                 let _ = error.print();
-                return ExitCode::from(BAD_INPUT);
+                return BAD_INPUT;
             }
             note_loss(error.print());
-            return ExitCode::from(unless_lost(DONE));
+            return unless_lost(DONE);
         }
     };
     let done = match arguments.command {
@@ -185,7 +192,7 @@ pub fn main() -> ExitCode {
             failure.code()
         }
     };
-    ExitCode::from(unless_lost(code))
+    unless_lost(code)
 }
 
 /// The exit code, or a failure where standard output did not take what was printed.

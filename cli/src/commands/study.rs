@@ -17,7 +17,7 @@ use crate::report::Table;
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use crate::study::combinations::in_words;
-use crate::study::running::missing;
+use crate::study::running::{Kept, missing};
 use crate::study::{Combination, Combinations, Findings, Outcome, execute, findings};
 use pliant::progress::Progress;
 use pliant::scene::StudyFile;
@@ -30,6 +30,7 @@ Examples:
   pliant study examples/press-study.toml --dry-run
   pliant study examples/press-study.toml
   pliant study my-study.toml --set frames=50 --out short --json > short.json
+  pliant study my-study.toml --shard 3/16 --out shared/study      then `pliant study my-study.toml --out shared/study`
 
 A study file:
   scene = \"press\"                        # a built-in scene, or a file beside this one
@@ -58,6 +59,107 @@ pub(super) struct Arguments {
     /// Only list the runs and the expected time
     #[arg(long)]
     dry_run: bool,
+    /// Run only part I of N parts, and keep the results: no table, no sheet. Several programs can
+    /// write to one folder at once; a call without this option then makes the table
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    shard: Option<Shard>,
+    /// Run only this combination, by its key in the list of --dry-run --json; may be given several
+    /// times
+    #[arg(long, value_name = "KEY", conflicts_with = "shard")]
+    only: Vec<String>,
+}
+
+/// Part `index`, from 1, of `of` parts.
+#[derive(Clone, Copy, Debug)]
+struct Shard {
+    index: usize,
+    of: usize,
+}
+
+fn shard(text: &str) -> Result<Shard, String> {
+    let parsed = text.split_once('/').and_then(|(index, of)| {
+        Some(Shard {
+            index: index.trim().parse().ok()?,
+            of: of.trim().parse().ok()?,
+        })
+    });
+    parsed
+        .filter(|s| s.index >= 1 && s.index <= s.of)
+        .ok_or_else(|| "expected I/N with I from 1 to N, such as 3/16".to_owned())
+}
+
+impl Arguments {
+    /// The combinations of `--shard` or `--only`; `None` for all.
+    fn part(&self, study: &Combinations) -> Result<Option<Vec<usize>>, Failure> {
+        if let Some(Shard { index, of }) = self.shard {
+            // Longest first and dealt in turn, so that parts take about equally long.
+            let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
+            let mut order: Vec<usize> = (0..study.all.len()).collect();
+            order.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
+            return Ok(Some(order.into_iter().skip(index - 1).step_by(of).collect()));
+        }
+        if self.only.is_empty() {
+            return Ok(None);
+        }
+        let find = |key: &String| {
+            let found = study.all.iter().position(|c| c.name() == *key || c.label == *key);
+            found.ok_or_else(|| {
+                let message = format!("--only: no run `{key}` in the study");
+                let hint = "`pliant study FILE --dry-run --json` lists the keys; a key changes with the scene, its files and the version \
+                            of pliant";
+                Failure::usage(message, hint)
+            })
+        };
+        self.only.iter().map(find).collect::<Result<_, _>>().map(Some)
+    }
+}
+
+/// Runs a part of a study, and keeps the results for a later call.
+fn part_of(
+    study: &Combinations,
+    part: &[usize],
+    selected: &[usize],
+    path: &std::path::Path,
+    (threads, stop): (usize, Arc<AtomicBool>),
+    output: &Output,
+) -> Result<u8, Failure> {
+    let begun = Instant::now();
+    let said = Said::new(study, selected, stop.clone());
+    let kept = Kept::Shared(path);
+    execute(study, selected, kept, threads, &said, &|combination, outcome| {
+        said.done(combination, outcome);
+    })?;
+    said.end();
+    let left = missing(study, Some(path));
+    let undone = part.iter().filter(|k| left.contains(k)).count();
+    let done = RunOutput {
+        kind: "study_part",
+        name: study.name.clone(),
+        measures: json!({
+            "runs": part.len(),
+            "found": part.len() - selected.len(),
+            "computed": selected.len() - undone,
+            "left_in_study": left.len(),
+            "host": host(),
+            "library": pliant::DIGEST,
+        }),
+        interrupted: undone > 0 && stop.load(Ordering::Relaxed),
+        time_s: begun.elapsed().as_secs_f64(),
+        text: format!(
+            "{}: {} runs of this part are finished, {} runs of the study are left\n",
+            study.name,
+            part.len() - undone,
+            left.len()
+        ),
+        ..RunOutput::default()
+    };
+    Ok(output.printing.finish(done))
+}
+
+/// Name of the machine, if the system tells.
+fn host() -> Option<String> {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
+    name.map(|n| n.trim().to_owned()).or_else(|| std::env::var("HOSTNAME").ok())
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
@@ -79,8 +181,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let output = list(&study, &pending, threads);
         return Ok(arguments.output.printing.finish(output));
     }
+    if let Some(part) = arguments.part(&study)? {
+        let selected: Vec<usize> = pending.into_iter().filter(|k| part.contains(k)).collect();
+        return part_of(&study, &part, &selected, &path, (threads, stop), &arguments.output);
+    }
     let folder =
         Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
+    // Other programs may have written runs, for which the list has no line.
+    for combination in &study.all {
+        let file = combination.file();
+        if !arguments.fresh && Outcome::read(&path.join(&file), &combination.key).is_some() {
+            folder.adopt(&file)?;
+        }
+    }
     // Longest first, so that none runs alone at the end.
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
     pending.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
@@ -95,7 +208,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     execute(
         &study,
         &pending,
-        &folder,
+        Kept::Alone(&folder),
         threads,
         &said,
         &|combination, outcome| {
@@ -126,6 +239,7 @@ fn list(study: &Combinations, pending: &[usize], threads: usize) -> RunOutput<'s
     };
     let row = |(k, c): (usize, &Combination)| {
         json!({
+            "key": c.name(),
             "label": c.label,
             "run": c.role.name(),
             "state": state(k),

@@ -19,7 +19,8 @@ const HEADER: &str =
 /// Extensions of files that a run writes: no other file is ever removed, for any content of the
 /// list.
 const ENDINGS: &[&str] = &[
-    "vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "obj", "pliant",
+    "vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "obj", "pliant", "xml", "sto",
+    "osim",
 ];
 
 /// Subfolders that a run creates.
@@ -304,6 +305,8 @@ impl Folder {
     /// A foreign file of that name, or an error of the operating system.
     pub fn claim(&self, relative: &str) -> Result<PathBuf, FolderError> {
         let path = self.root.join(relative);
+        // The next run could not remove it, and would refuse the folder.
+        debug_assert!(is_own(Path::new(relative)), "{relative} has no known ending");
         // A thread that panicked with the lock left at worst a surplus name in the list.
         let mut claimed = self
             .claimed
@@ -323,6 +326,22 @@ impl Folder {
         written.map_err(refused(&self.root.join(LIST)))?;
         claimed.files.insert(relative.to_owned());
         Ok(path)
+    }
+
+    /// Takes a file into the list that another program has written into the folder.
+    ///
+    /// # Errors
+    /// An error of the operating system.
+    pub fn adopt(&self, relative: &str) -> Result<(), FolderError> {
+        let mut claimed = self
+            .claimed
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner);
+        if claimed.files.insert(relative.to_owned()) {
+            let written = writeln!(claimed.list, "{relative}");
+            written.map_err(refused(&self.root.join(LIST)))?;
+        }
+        Ok(())
     }
 
     /// Removes a file of this run, if it is there.

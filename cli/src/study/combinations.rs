@@ -88,9 +88,14 @@ pub struct Combination {
 }
 
 impl Combination {
+    /// Name of the result: a hash of all inputs, and of the library.
+    pub fn name(&self) -> String {
+        name_of(&self.key)
+    }
+
     /// The file of the result in the study's folder.
     pub fn file(&self) -> String {
-        format!("runs/{}.json", name_of(&self.key))
+        format!("runs/{}.json", self.name())
     }
 
     /// Time as estimated by the plan [s].

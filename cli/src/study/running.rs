@@ -15,6 +15,7 @@ use crate::report::folder::{Folder, FolderError};
 use crate::report::muscles::{MuscleSummary, summaries};
 use crate::report::pictures::covered_stretch;
 use crate::report::record::Record;
+use pliant::io::write_whole;
 use pliant::mesh::measures::{Aabb, max_or_nan};
 use pliant::progress::Progress;
 use pliant::scene::Scene;
@@ -39,6 +40,51 @@ pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
         .collect()
 }
 
+/// Where results of runs are kept.
+#[derive(Clone, Copy, Debug)]
+pub enum Kept<'a> {
+    /// In a folder that no other program writes to.
+    Alone(&'a Folder),
+    /// In a folder to which several programs write at once, on one machine or on many. Equal runs
+    /// write equal files, but for their times; the last one stays.
+    Shared(&'a Path),
+}
+
+impl Kept<'_> {
+    fn claim(self, file: &str) -> Result<(), FolderError> {
+        match self {
+            Self::Alone(folder) => folder.claim(file).map(|_| ()),
+            Self::Shared(_) => Ok(()),
+        }
+    }
+
+    fn write(self, combination: &Combination, outcome: &Outcome) -> Result<(), FolderError> {
+        let file = combination.file();
+        let root = match self {
+            Self::Alone(folder) => {
+                return folder.write(&file, |w| outcome.write(&combination.key, w));
+            }
+            Self::Shared(root) => root,
+        };
+        let path = root.join(&file);
+        let failed = |source| FolderError::Io {
+            path: path.clone(),
+            source,
+        };
+        // Two writers must not share a partial file, and a rename is atomic, also on NFS.
+        let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        let unique = since.map_or(0, |t| t.as_nanos()) ^ (u128::from(std::process::id()) << 64);
+        let part = path.with_extension(format!("{unique:x}"));
+        let written = std::fs::create_dir_all(root.join("runs"))
+            .and_then(|()| write_whole(&part, |w| outcome.write(&combination.key, w)))
+            .and_then(|()| std::fs::rename(&part, &path));
+        written.map_err(|error| {
+            let _ = std::fs::remove_file(&part);
+            failed(error)
+        })
+    }
+}
+
 /// Runs the combinations `selected`, `threads` of them at once, and writes each complete result. A
 /// run that `watch` stops leaves none. The results do not depend on the number of threads.
 ///
@@ -47,7 +93,7 @@ pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
 pub fn execute(
     study: &Combinations,
     selected: &[usize],
-    folder: &Folder,
+    kept: Kept<'_>,
     threads: usize,
     progress: &(dyn Progress + Sync),
     done: &(dyn Fn(&Combination, &Outcome) + Sync),
@@ -55,7 +101,7 @@ pub fn execute(
     // A foreign file in place of a result is reported before hours of computation.
     selected
         .iter()
-        .try_for_each(|&k| folder.claim(&study.all[k].file()).map(|_| ()))?;
+        .try_for_each(|&k| kept.claim(&study.all[k].file()))?;
     let workers = threads.clamp(1, selected.len().max(1));
     let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
     std::thread::scope(|scope| {
@@ -83,9 +129,7 @@ pub fn execute(
                         None => work(),
                     };
                     let Some(outcome) = outcome else { return };
-                    let written =
-                        folder.write(&combination.file(), |w| outcome.write(&combination.key, w));
-                    if let Err(error) = written {
+                    if let Err(error) = kept.write(combination, &outcome) {
                         if let Ok(mut failed) = failed.lock() {
                             failed.get_or_insert(error);
                         }

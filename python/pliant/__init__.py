@@ -1,0 +1,71 @@
+"""Verified, fast deformation of soft tissue.
+
+Two ways lead to results. `load` makes a simulation that steps frame by frame, with positions as arrays.
+`run`, `study`, `moment_arms`, `fibres`, `morph`, `implant`, `springs`, `check` and `accuracy` run the
+commands of the same names and return their results; numbers are those of the commands to the bit.
+"""
+
+from __future__ import annotations
+
+from ._commands import (
+    Result,
+    accuracy,
+    check,
+    command,
+    fibres,
+    implant,
+    moment_arms,
+    morph,
+    run,
+    springs,
+)
+from ._frames import Frame, Simulation, load
+from ._pliant import (
+    DIGEST,
+    Dual,
+    PliantError,
+    __version__,
+    check_constraint,
+    mesh_health,
+    minimise,
+    project,
+    read_mesh,
+)
+from ._study import Study, study
+
+__all__ = [
+    "DIGEST",
+    "Dual",
+    "Frame",
+    "PliantError",
+    "Result",
+    "Simulation",
+    "Study",
+    "__version__",
+    "accuracy",
+    "check",
+    "check_constraint",
+    "command",
+    "fibres",
+    "implant",
+    "load",
+    "main",
+    "mesh_health",
+    "minimise",
+    "moment_arms",
+    "morph",
+    "project",
+    "read_mesh",
+    "run",
+    "springs",
+    "study",
+]
+
+
+def main() -> int:
+    """The command line `pliant` of this package."""
+    import sys
+
+    from . import _pliant
+
+    return _pliant.command(["pliant", *sys.argv[1:]])
