@@ -23,7 +23,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 # One program runs every reader of the table of formats; an environment variable names it.
 FORMATS = (HERE.parent / "src" / "io" / "formats.rs").read_text()
 READERS = list(dict.fromkeys(re.findall(r'^ +target: "(\w+)"', FORMATS, re.MULTILINE))) + ["any"]
-PROGRAMS = ["reader", "blocks", "write", "repair", "state", "springs", "pvd", "scene"]
+PROGRAMS = ["reader", "blocks", "write", "repair", "state", "springs", "pvd", "opensim", "scene"]
 TARGETS = [*READERS, *PROGRAMS[1:]]
 COLUMNS = ["target", "start", "stop", "executions", "added", "covered", "peak_mb", "findings", "commit"]
 # The code is safe Rust: a sanitizer would find nothing more and take half of the speed.

@@ -154,6 +154,11 @@ fn changed_collections() {
     changed_files("pvd", 1);
 }
 
+#[test]
+fn models_and_motions_of_opensim() {
+    changed_files("opensim", 1);
+}
+
 /// This test writes files, which takes longer than reading.
 #[test]
 fn meshes_of_any_bytes_come_back_from_every_writer() {

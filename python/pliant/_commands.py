@@ -31,7 +31,7 @@ class Result:
         log: what the command wrote for people.
     """
 
-    def __init__(self, summary: dict[str, Any], folder: Path | None, passed: bool, log: str) -> None:
+    def __init__(self, summary: dict[str, Any], folder: Path, passed: bool, log: str) -> None:
         self.summary = summary
         self.folder = folder
         self.passed = passed
@@ -44,14 +44,12 @@ class Result:
 
     def path(self, name: str) -> Path:
         """A file of the results."""
-        if self.folder is None:
-            raise FileNotFoundError("the command writes no folder")
         return self.folder / name
 
     def _repr_html_(self) -> str:
         state = "passed" if self.passed else f"{len(self.failed)} checks failed"
-        link = "" if self.folder is None else f' <a href="{self.folder / "report.html"}">report</a>'
-        return f"<b>{self.summary.get('kind', '')} {self.summary.get('name', '')}</b>: {state}{link}"
+        link = f'<a href="{self.folder / "report.html"}">report</a>'
+        return f"<b>{self.summary.get('kind', '')} {self.summary.get('name', '')}</b>: {state} {link}"
 
     def __repr__(self) -> str:
         state = "passed" if self.passed else f"{len(self.failed)} checks failed"
@@ -90,19 +88,25 @@ def _text(value: Any) -> str:
     return os.fspath(value) if isinstance(value, os.PathLike) else str(value)
 
 
-def command(*arguments: str | os.PathLike[str], progress: bool = False) -> subprocess.CompletedProcess[str]:
+def command(
+    *arguments: str | os.PathLike[str], progress: bool = False, bound: bool = False
+) -> subprocess.CompletedProcess[str]:
     """Runs the command line `pliant` and returns what it printed.
 
     Args:
         arguments: the words after `pliant`.
         progress: also show notes and progress while it runs.
+        bound: the command ends at once where this process dies, also by a kill.
 
     Raises:
         PliantError: bad usage or input (exit code 2).
         KeyboardInterrupt: Ctrl-C; the command has closed its files.
     """
     words = [sys.executable, "-m", "pliant", *map(_text, arguments)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    environment = {**os.environ, "PLIANT_PARENT": str(os.getpid())} if bound else None
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
+    )
     notes: list[str] = []
     printed: list[str] = []
 
@@ -140,17 +144,17 @@ def command(*arguments: str | os.PathLike[str], progress: bool = False) -> subpr
 
 
 def _result(name: str, positional: Sequence[Any], options: Mapping[str, Any], progress: bool) -> Result:
+    options = dict(options)
+    if options.get("out") is None:
+        stem = Path(_text(positional[0])).stem if positional else name
+        options["out"] = Path("pliant-out") / (stem if name == "run" else f"{stem}-{name}")
     words = [name, "--json"]
     for option, value in options.items():
         words += _option(option, value)
     done = command(*words, *map(_text, positional), progress=progress)
     if not done.stdout.strip():
         raise _error(done.stderr)
-    summary = json.loads(done.stdout)
-    folder = re.search(r"^Results in (.+)$", done.stderr, re.MULTILINE)
-    given = options.get("out")
-    where = Path(_text(given)) if given is not None else Path(folder[1]) if folder else None
-    return Result(summary, where, done.returncode == 0, done.stderr)
+    return Result(json.loads(done.stdout), Path(_text(options["out"])), done.returncode == 0, done.stderr)
 
 
 def run(scene: str | os.PathLike[str] = "hip", *, progress: bool = False, **options: Any) -> Result:

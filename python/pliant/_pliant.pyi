@@ -7,6 +7,20 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "DIGEST",
+    "Dual",
+    "PliantError",
+    "Simulation",
+    "__version__",
+    "check_constraint",
+    "command",
+    "load",
+    "mesh_health",
+    "minimise",
+    "project",
+    "read_mesh",
+]
 __version__: str
 DIGEST: str
 
@@ -51,6 +65,7 @@ class Dual:
     def __rtruediv__(self, o: Dual | float, /) -> Dual: ...
     def __neg__(self) -> Dual: ...
     def __pow__(self, power: int, _modulo: int | None = None, /) -> Dual: ...
+    def __rpow__(self, value: Any, mod: Any = None, /) -> Any: ...
     def __float__(self) -> float: ...
     def __lt__(self, o: Dual | float, /) -> bool: ...
     def __gt__(self, o: Dual | float, /) -> bool: ...

@@ -98,7 +98,7 @@ class Study:
         of = {}
         for row in longest:
             of[submit(row["key"])] = row["key"]
-        results = as_completed(list(of))
+        results = as_completed(list(of))  # type: ignore[no-untyped-call]
         done = 0
         for future in results:
             key = of.pop(future)
@@ -112,7 +112,7 @@ class Study:
                     raise _pliant.PliantError(message)
                 again = submit(key)
                 of[again] = key
-                results.add(again)
+                results.add(again)  # type: ignore[no-untyped-call]
                 continue
             if error is not None:
                 raise error
@@ -158,7 +158,7 @@ def run_one(
     try:
         arguments = ["study", *words, "--only", key, "--json", f"--out={folder}", f"--threads={threads}"]
         begun = time.monotonic()
-        summary = json.loads(command(*arguments).stdout)["study_part"]
+        summary = json.loads(command(*arguments, bound=True).stdout)["study_part"]
         if store is not None:
             _Store(store).put(folder / "runs" / f"{key}.json", key)
         summary["wall_s"] = time.monotonic() - begun

@@ -9,7 +9,10 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pliant::solvers::{DescentSettings, NoContact};
 use pliant::testing::{self, Draw, Subject};
-use pliant::{Batch, Constraint, Energy, Particles, Potential, Project, Quadratic, QuasiStatic, Scalar, SweepOrder};
+use pliant::{
+    Batch, Constraint, Energy, Particles, Potential, Project, Quadratic, QuasiStatic, Scalar,
+    SweepOrder,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
@@ -81,7 +84,11 @@ impl Dual {
         self.0.real.value > o.dual().real.value
     }
     fn __abs__(&self) -> Self {
-        if self.0.real.value < 0.0 { self.__neg__() } else { *self }
+        if self.0.real.value < 0.0 {
+            self.__neg__()
+        } else {
+            *self
+        }
     }
     /// Square root, which `numpy.sqrt` calls.
     fn sqrt(&self) -> Self {
@@ -119,7 +126,8 @@ fn begun() -> PyResult<std::sync::MutexGuard<'static, ()>> {
         Ok(call) => Ok(call),
         Err(std::sync::TryLockError::Poisoned(call)) => Ok(call.into_inner()),
         Err(std::sync::TryLockError::WouldBlock) => Err(refused(
-            "another thread projects or minimises; constraints in Python take one call at a time".to_owned(),
+            "another thread projects or minimises; constraints in Python take one call at a time"
+                .to_owned(),
             None,
             None,
         )),
@@ -143,28 +151,51 @@ fn value<S: Scalar>(object: &Py<PyAny>, x: &[Point3<S>]) -> PyResult<S> {
     Python::attach(|py| {
         let numbers = x.iter().flat_map(|p| p.iter().copied());
         let numbers: Vec<Box<dyn Any>> = numbers.map(|n| Box::new(n) as Box<dyn Any>).collect();
-        let real: Option<Vec<f64>> = numbers.iter().map(|n| n.downcast_ref::<f64>().copied()).collect();
+        let real: Option<Vec<f64>> = numbers
+            .iter()
+            .map(|n| n.downcast_ref::<f64>().copied())
+            .collect();
         if let Some(real) = real {
-            let place: Vec<Point3<f64>> = real.chunks(3).map(|c| Point3::new(c[0], c[1], c[2])).collect();
-            let found: f64 = object.call_method1(py, "value", (array(py, &place),))?.extract(py)?;
+            let place: Vec<Point3<f64>> = real
+                .chunks(3)
+                .map(|c| Point3::new(c[0], c[1], c[2]))
+                .collect();
+            let found: f64 = object
+                .call_method1(py, "value", (array(py, &place),))?
+                .extract(py)?;
             return Ok(S::of(found));
         }
-        let duals: Vec<Option<Dual>> = numbers.iter().map(|n| n.downcast_ref::<testing::Dual>().map(|d| Dual(*d))).collect();
-        let rows: Vec<Vec<Dual>> = duals.into_iter().flatten().collect::<Vec<_>>().chunks(3).map(<[Dual]>::to_vec).collect();
+        let duals: Vec<Option<Dual>> = numbers
+            .iter()
+            .map(|n| n.downcast_ref::<testing::Dual>().map(|d| Dual(*d)))
+            .collect();
+        let rows: Vec<Vec<Dual>> = duals
+            .into_iter()
+            .flatten()
+            .collect::<Vec<_>>()
+            .chunks(3)
+            .map(<[Dual]>::to_vec)
+            .collect();
         // An array of objects, on which the operators of numpy work.
         let numpy = py.import("numpy")?;
         let place = numpy.call_method1("array", (rows, numpy.getattr("object_")?))?;
         let found: Number = object.call_method1(py, "value", (place,))?.extract(py)?;
         let found: Box<dyn Any> = Box::new(found.dual());
-        found
-            .downcast_ref::<S>()
-            .copied()
-            .ok_or_else(|| refused("`value` returned another type of number".to_owned(), None, None))
+        found.downcast_ref::<S>().copied().ok_or_else(|| {
+            refused(
+                "`value` returned another type of number".to_owned(),
+                None,
+                None,
+            )
+        })
     })
 }
 
 /// Calls `value` and `gradient`; `None` where the gradient is None.
-fn value_and_gradient(object: &Py<PyAny>, x: &[Point3<f64>]) -> PyResult<Option<(f64, Vec<Vector3<f64>>)>> {
+fn value_and_gradient(
+    object: &Py<PyAny>,
+    x: &[Point3<f64>],
+) -> PyResult<Option<(f64, Vec<Vector3<f64>>)>> {
     Python::attach(|py| {
         let place = array(py, x);
         let found: f64 = object.call_method1(py, "value", (&place,))?.extract(py)?;
@@ -172,15 +203,24 @@ fn value_and_gradient(object: &Py<PyAny>, x: &[Point3<f64>]) -> PyResult<Option<
         if gradient.is_none(py) {
             return Ok(None);
         }
-        let gradient = py.import("numpy")?.call_method1("asarray", (gradient, "float64"))?;
+        let gradient = py
+            .import("numpy")?
+            .call_method1("asarray", (gradient, "float64"))?;
         let gradient: Bound<'_, PyArray2<f64>> = gradient.cast_into().map_err(PyErr::from)?;
         let rows = gradient.readonly();
         let rows = rows.as_array();
         if rows.dim() != (x.len(), 3) {
-            let message = format!("`gradient` has the shape {:?} instead of ({}, 3)", rows.dim(), x.len());
+            let message = format!(
+                "`gradient` has the shape {:?} instead of ({}, 3)",
+                rows.dim(),
+                x.len()
+            );
             return Err(refused(message, None, None));
         }
-        let rows = rows.rows().into_iter().map(|r| Vector3::new(r[0], r[1], r[2]));
+        let rows = rows
+            .rows()
+            .into_iter()
+            .map(|r| Vector3::new(r[0], r[1], r[2]));
         Ok(Some((found, rows.collect())))
     })
 }
@@ -206,7 +246,9 @@ impl<const K: usize> Constraint<K> for Written<K> {
 
     fn value_and_gradient(&self, x: &[Point3<f64>; K]) -> Option<(f64, [Vector3<f64>; K])> {
         match object(self.object).map(|object| value_and_gradient(&object, x))? {
-            Ok(found) => found.and_then(|(value, gradient)| Some((value, gradient.try_into().ok()?))),
+            Ok(found) => {
+                found.and_then(|(value, gradient)| Some((value, gradient.try_into().ok()?)))
+            }
             Err(error) => {
                 keep(error);
                 None
@@ -247,18 +289,33 @@ impl Subject for Checked {
 /// `numpy.sqrt` and `numpy.arctan2` work. `gradient(x)` gets floats and returns an array (k, 3).
 #[pyfunction]
 #[pyo3(signature = (constraint, count, cases=20, seed=1))]
-pub(crate) fn check_constraint(py: Python<'_>, constraint: Py<PyAny>, count: usize, cases: usize, seed: u64) -> PyResult<()> {
+pub(crate) fn check_constraint(
+    py: Python<'_>,
+    constraint: Py<PyAny>,
+    count: usize,
+    cases: usize,
+    seed: u64,
+) -> PyResult<()> {
     if !(1..=64).contains(&count) {
-        return Err(refused(format!("a constraint of {count} points; 1 to 64 can be checked"), None, None));
+        return Err(refused(
+            format!("a constraint of {count} points; 1 to 64 can be checked"),
+            None,
+            None,
+        ));
     }
-    let subject = Checked { object: Arc::new(constraint), count };
+    let subject = Checked {
+        object: Arc::new(constraint),
+        count,
+    };
     py.detach(|| {
         for case in 0..cases as u64 {
             let mut draw = Draw::new(seed.wrapping_add(case));
             // With more than six points in a box some are near each other.
             let x = match count {
                 ..=6 => draw.shape(count),
-                _ => (0..count).map(|_| Point3::new(draw.dyadic(), draw.dyadic(), draw.dyadic())).collect(),
+                _ => (0..count)
+                    .map(|_| Point3::new(draw.dyadic(), draw.dyadic(), draw.dyadic()))
+                    .collect(),
             };
             let checked = testing::check("the constraint", &subject, &x, 1.0, &mut draw);
             raised()?;
@@ -277,21 +334,45 @@ struct Batches {
 }
 
 fn batches(constraints: &Bound<'_, PyList>, count: usize) -> PyResult<Batches> {
-    let mut all = Batches { one: Vec::new(), two: Vec::new(), three: Vec::new(), four: Vec::new() };
+    let mut all = Batches {
+        one: Vec::new(),
+        two: Vec::new(),
+        three: Vec::new(),
+        four: Vec::new(),
+    };
     let mut objects = Vec::new();
     for (object, constraint) in constraints.iter().enumerate() {
-        let points: Vec<u32> = constraint.getattr("points")?.try_iter()?.map(|p| p?.extract()).collect::<PyResult<_>>()?;
+        let points: Vec<u32> = constraint
+            .getattr("points")?
+            .try_iter()?
+            .map(|p| p?.extract())
+            .collect::<PyResult<_>>()?;
         if let Some(point) = points.iter().find(|p| **p as usize >= count) {
             let message = format!("constraint {object} names point {point} of {count}");
             return Err(refused(message, None, None));
         }
         match points[..] {
-            [a] => all.one.push(Written { points: [a], object }),
-            [a, b] => all.two.push(Written { points: [a, b], object }),
-            [a, b, c] => all.three.push(Written { points: [a, b, c], object }),
-            [a, b, c, d] => all.four.push(Written { points: [a, b, c, d], object }),
+            [a] => all.one.push(Written {
+                points: [a],
+                object,
+            }),
+            [a, b] => all.two.push(Written {
+                points: [a, b],
+                object,
+            }),
+            [a, b, c] => all.three.push(Written {
+                points: [a, b, c],
+                object,
+            }),
+            [a, b, c, d] => all.four.push(Written {
+                points: [a, b, c, d],
+                object,
+            }),
             _ => {
-                let message = format!("constraint {object} has {} points; 1 to 4 are possible", points.len());
+                let message = format!(
+                    "constraint {object} has {} points; 1 to 4 are possible",
+                    points.len()
+                );
                 return Err(refused(message, None, None));
             }
         }
@@ -308,7 +389,11 @@ fn same_count(x: &[Point3<f64>], masses: &PyReadonlyArray1<'_, f64>) -> PyResult
         return Err(refused(message, None, None));
     }
     match masses.iter().position(|m| !(*m >= 0.0) || !m.is_finite()) {
-        Some(k) => Err(refused(format!("inverse mass {k} is {}", masses[k]), None, None)),
+        Some(k) => Err(refused(
+            format!("inverse mass {k} is {}", masses[k]),
+            None,
+            None,
+        )),
         None => Ok(masses),
     }
 }
@@ -326,8 +411,16 @@ pub(crate) fn project<'py>(
     steps: usize,
     time_step: f64,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    if !(compliance >= 0.0) || !(time_step > 0.0) || !compliance.is_finite() || !time_step.is_finite() {
-        return Err(refused("a compliance of at least 0 and a time step above 0 are needed".to_owned(), None, None));
+    if !(compliance >= 0.0)
+        || !(time_step > 0.0)
+        || !compliance.is_finite()
+        || !time_step.is_finite()
+    {
+        return Err(refused(
+            "a compliance of at least 0 and a time step above 0 are needed".to_owned(),
+            None,
+            None,
+        ));
     }
     let x = points(&positions)?;
     let masses = same_count(&x, &inverse_masses)?;
@@ -335,7 +428,11 @@ pub(crate) fn project<'py>(
     let all = batches(constraints, x.len())?;
     let mut particles = Particles::at_rest(x, masses);
     let count = particles.len();
-    fn batch<const K: usize>(all: Vec<Written<K>>, compliance: f64, count: usize) -> Box<dyn Project> {
+    fn batch<const K: usize>(
+        all: Vec<Written<K>>,
+        compliance: f64,
+        count: usize,
+    ) -> Box<dyn Project> {
         let compliances = vec![compliance; all.len()];
         Box::new(Batch::new(all, compliances, SweepOrder::Stored, count, &[]))
     }
@@ -348,7 +445,9 @@ pub(crate) fn project<'py>(
     py.detach(|| {
         parts.iter_mut().for_each(|part| part.begin_step());
         for _ in 0..steps {
-            parts.iter_mut().for_each(|part| part.project(&mut particles, time_step));
+            parts
+                .iter_mut()
+                .for_each(|part| part.project(&mut particles, time_step));
             raised()?;
             Python::attach(|py| py.check_signals())?;
         }
@@ -369,17 +468,29 @@ impl WrittenPotential {
     fn call(&self, x: &[Point3<f64>]) -> Option<(f64, Vec<Vector3<f64>>)> {
         let found = Python::attach(|py| {
             let place = array(py, x);
-            let energy: f64 = self.object.call_method1(py, "energy", (&place,))?.extract(py)?;
+            let energy: f64 = self
+                .object
+                .call_method1(py, "energy", (&place,))?
+                .extract(py)?;
             let gradient = self.object.call_method1(py, "gradient", (&place,))?;
-            let gradient = py.import("numpy")?.call_method1("asarray", (gradient, "float64"))?;
+            let gradient = py
+                .import("numpy")?
+                .call_method1("asarray", (gradient, "float64"))?;
             let gradient: Bound<'_, PyArray2<f64>> = gradient.cast_into().map_err(PyErr::from)?;
             let rows = gradient.readonly();
             let rows = rows.as_array();
             if rows.dim() != (x.len(), 3) {
-                let message = format!("`gradient` has the shape {:?} instead of ({}, 3)", rows.dim(), x.len());
+                let message = format!(
+                    "`gradient` has the shape {:?} instead of ({}, 3)",
+                    rows.dim(),
+                    x.len()
+                );
                 return Err(refused(message, None, None));
             }
-            let rows = rows.rows().into_iter().map(|r| Vector3::new(r[0], r[1], r[2]));
+            let rows = rows
+                .rows()
+                .into_iter()
+                .map(|r| Vector3::new(r[0], r[1], r[2]));
             Ok((energy, rows.collect()))
         });
         found.map_err(keep).ok()
@@ -430,7 +541,11 @@ pub(crate) fn minimise<'py>(
     iterations: u32,
 ) -> PyResult<(Bound<'py, PyArray2<f64>>, bool)> {
     if !(stiffness > 0.0) || !stiffness.is_finite() || !(tolerance > 0.0) {
-        return Err(refused("a stiffness and a tolerance above 0 are needed".to_owned(), None, None));
+        return Err(refused(
+            "a stiffness and a tolerance above 0 are needed".to_owned(),
+            None,
+            None,
+        ));
     }
     let mut x = points(&positions)?;
     let masses = same_count(&x, &inverse_masses)?;
@@ -450,15 +565,28 @@ pub(crate) fn minimise<'py>(
     let count = x.len() as u32;
     for potential in potentials.iter().flat_map(|p| p.iter()) {
         let object = Arc::new(potential.unbind());
-        elastic.push(Box::new(WrittenPotential { object, stiffness, count }));
+        elastic.push(Box::new(WrittenPotential {
+            object,
+            stiffness,
+            count,
+        }));
     }
-    let energy = Energy { elastic, ..Energy::default() };
-    let settings = DescentSettings { tolerance, iterations };
+    let energy = Energy {
+        elastic,
+        ..Energy::default()
+    };
+    let settings = DescentSettings {
+        tolerance,
+        iterations,
+    };
     let outcome = py.detach(|| {
         let solver = QuasiStatic::new(energy, &x, &masses, settings);
         let mut solver = solver.map_err(|error| refused(error.to_string(), None, None))?;
         let outcome = solver.solve(&mut x, &mut NoContact, |_, _| {
-            let failed = FAILED.lock().unwrap_or_else(PoisonError::into_inner).is_some();
+            let failed = FAILED
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .is_some();
             let signal = Python::attach(|py| py.check_signals());
             !failed && signal.map_err(keep).is_ok()
         });

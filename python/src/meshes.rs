@@ -38,51 +38,89 @@ pub(crate) fn corners<'py>(py: Python<'py>, triangles: &[[u32; 3]]) -> Bound<'py
 pub(crate) fn points(given: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<Point3<f64>>> {
     if given.shape().get(1) != Some(&3) {
         let shape = given.shape();
-        return Err(refused(format!("positions have the shape {shape:?} instead of (n, 3)"), None, None));
+        return Err(refused(
+            format!("positions have the shape {shape:?} instead of (n, 3)"),
+            None,
+            None,
+        ));
     }
     let array = given.as_array();
-    let rows = array.rows().into_iter().map(|row| Point3::new(row[0], row[1], row[2]));
+    let rows = array
+        .rows()
+        .into_iter()
+        .map(|row| Point3::new(row[0], row[1], row[2]));
     let all: Vec<Point3<f64>> = rows.collect();
     match all.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-        Some(row) => Err(refused(format!("row {row} of the positions is not finite"), None, None)),
+        Some(row) => Err(refused(
+            format!("row {row} of the positions is not finite"),
+            None,
+            None,
+        )),
         None => Ok(all),
     }
 }
 
 /// A mesh of arrays of shape (n, 3) and (m, 3).
-fn mesh(positions: &PyReadonlyArray2<'_, f64>, triangles: &PyReadonlyArray2<'_, u32>) -> PyResult<TriangleMesh> {
+fn mesh(
+    positions: &PyReadonlyArray2<'_, f64>,
+    triangles: &PyReadonlyArray2<'_, u32>,
+) -> PyResult<TriangleMesh> {
     let vertices = points(positions)?;
     if triangles.shape().get(1) != Some(&3) {
         let shape = triangles.shape();
-        return Err(refused(format!("triangles have the shape {shape:?} instead of (m, 3)"), None, None));
+        return Err(refused(
+            format!("triangles have the shape {shape:?} instead of (m, 3)"),
+            None,
+            None,
+        ));
     }
     let rows = triangles.as_array();
-    let triangles: Vec<[u32; 3]> = rows.rows().into_iter().map(|r| [r[0], r[1], r[2]]).collect();
-    let wrong = triangles.iter().position(|t| t.iter().any(|v| *v as usize >= vertices.len()));
+    let triangles: Vec<[u32; 3]> = rows
+        .rows()
+        .into_iter()
+        .map(|r| [r[0], r[1], r[2]])
+        .collect();
+    let wrong = triangles
+        .iter()
+        .position(|t| t.iter().any(|v| *v as usize >= vertices.len()));
     match wrong {
         Some(row) => Err(refused(
-            format!("row {row} of the triangles names a vertex beyond the {} that there are", vertices.len()),
+            format!(
+                "row {row} of the triangles names a vertex beyond the {} that there are",
+                vertices.len()
+            ),
             Some("E020"),
             None,
         )),
-        None => Ok(TriangleMesh { vertices, triangles }),
+        None => Ok(TriangleMesh {
+            vertices,
+            triangles,
+        }),
     }
 }
 
 /// Reads a mesh file: vertices (n, 3) in the unit of the file, and triangles (m, 3).
 #[pyfunction]
 #[allow(clippy::type_complexity)] // The types of arrays are those of numpy.
-pub(crate) fn read_mesh(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<u32>>)> {
+pub(crate) fn read_mesh(
+    py: Python<'_>,
+    path: PathBuf,
+) -> PyResult<(Bound<'_, PyArray2<f64>>, Bound<'_, PyArray2<u32>>)> {
     let file = py.detach(|| pliant::io::read(&path)).map_err(|error| {
         let place = match &error {
-            pliant::ReadError::Content { place: pliant::io::FilePlace::Line(line), column, .. } => {
-                Some((*line, column.map_or(0, |c| c as usize)))
-            }
+            pliant::ReadError::Content {
+                place: pliant::io::FilePlace::Line(line),
+                column,
+                ..
+            } => Some((*line, column.map_or(0, |c| c as usize))),
             _ => None,
         };
         refused(error.terse(), Some(error.code()), place)
     })?;
-    Ok((array(py, &file.mesh.vertices), corners(py, &file.mesh.triangles)))
+    Ok((
+        array(py, &file.mesh.vertices),
+        corners(py, &file.mesh.triangles),
+    ))
 }
 
 /// Measures of a surface.

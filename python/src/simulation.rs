@@ -59,7 +59,11 @@ pub(crate) struct Simulation {
 /// Loads a scene file, or a built-in scene by its name, with changes `path = value`.
 #[pyfunction]
 #[pyo3(signature = (scene, set=None))]
-pub(crate) fn load(py: Python<'_>, scene: &str, set: Option<&Bound<'_, PyDict>>) -> PyResult<Simulation> {
+pub(crate) fn load(
+    py: Python<'_>,
+    scene: &str,
+    set: Option<&Bound<'_, PyDict>>,
+) -> PyResult<Simulation> {
     let mut changes = Vec::new();
     for (path, value) in set.iter().flat_map(|set| set.iter()) {
         let value = match value.extract::<bool>() {
@@ -89,7 +93,11 @@ impl Simulation {
     {
         py.detach(|| {
             let mut scenario = self.scenario.try_lock().map_err(|_| {
-                refused("the simulation steps in another thread".to_owned(), None, None)
+                refused(
+                    "the simulation steps in another thread".to_owned(),
+                    None,
+                    None,
+                )
             })?;
             Ok(of(scenario.as_mut()))
         })
@@ -125,13 +133,21 @@ impl Simulation {
     /// Names of the bodies.
     #[getter]
     fn names(&self) -> Vec<String> {
-        self.description.bodies.iter().map(|b| b.name.clone()).collect()
+        self.description
+            .bodies
+            .iter()
+            .map(|b| b.name.clone())
+            .collect()
     }
 
     /// Names of the bones.
     #[getter]
     fn bone_names(&self) -> Vec<String> {
-        self.description.bones.iter().map(|(name, _)| name.clone()).collect()
+        self.description
+            .bones
+            .iter()
+            .map(|(name, _)| name.clone())
+            .collect()
     }
 
     /// Computes the next frame. Returns False where the run has ended.
@@ -151,8 +167,19 @@ impl Simulation {
     fn state<'py>(
         &self,
         py: Python<'py>,
-    ) -> PyResult<(usize, f64, Bound<'py, PyList>, Bound<'py, PyList>, Bound<'py, PyList>)> {
-        let FrameState { frame, time, bodies, bones } = self.with(py, |s| s.state())?;
+    ) -> PyResult<(
+        usize,
+        f64,
+        Bound<'py, PyList>,
+        Bound<'py, PyList>,
+        Bound<'py, PyList>,
+    )> {
+        let FrameState {
+            frame,
+            time,
+            bodies,
+            bones,
+        } = self.with(py, |s| s.state())?;
         let positions = bodies.iter().map(|(x, _)| array(py, x));
         let velocities = bodies.iter().map(|(_, v)| vectors(py, v));
         let poses = bones.iter().map(|pose| {
@@ -177,9 +204,14 @@ impl Simulation {
 
     /// Vertices (n, 3) [m] in its own frame and triangles (m, 3) of each bone.
     #[allow(clippy::type_complexity)] // The types of arrays are those of numpy.
-    fn bone_meshes<'py>(&self, py: Python<'py>) -> Vec<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>)> {
+    fn bone_meshes<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> Vec<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<u32>>)> {
         let bones = self.description.bones.iter();
-        bones.map(|(_, mesh)| (array(py, &mesh.vertices), corners(py, &mesh.triangles))).collect()
+        bones
+            .map(|(_, mesh)| (array(py, &mesh.vertices), corners(py, &mesh.triangles)))
+            .collect()
     }
 
     /// Measures up to the last frame, with the names of `summary.json`.

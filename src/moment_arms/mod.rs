@@ -19,4 +19,4 @@ pub use arms::Arms;
 pub use curve::{extremes, moment_arms};
 pub use poses::{PoseSet, bundles};
 pub use reference::{ReferenceError, Table};
-pub use sweep::{joint_of, CrossingMuscle, MuscleStepper, Sweep, SweepError, SweepRun};
+pub use sweep::{CrossingMuscle, MuscleStepper, Sweep, SweepError, SweepRun, joint_of};

@@ -49,7 +49,10 @@ impl PoseSet {
             let place = |part: usize, random: &mut Random| {
                 low + (high - low) * (part as f64 + random.unit()) / count as f64
             };
-            order.into_iter().map(|part| place(part, &mut random)).collect()
+            order
+                .into_iter()
+                .map(|part| place(part, &mut random))
+                .collect()
         });
         let columns: Vec<Vec<f64>> = columns.collect();
         let samples = (0..count).map(|k| columns.iter().map(|c| c[k]).collect());
@@ -87,11 +90,20 @@ impl PoseSet {
         samples: Vec<Vec<f64>>,
     ) -> Self {
         let coordinates: Vec<usize> = ranges.iter().map(|(c, _)| *c).collect();
-        let step = |c: &usize| if model.coordinates[*c].is_angle { STEP } else { SLIDE };
+        let step = |c: &usize| {
+            if model.coordinates[*c].is_angle {
+                STEP
+            } else {
+                SLIDE
+            }
+        };
         let steps: Vec<f64> = coordinates.iter().map(step).collect();
         let whole = |sample: &[f64]| {
             let mut values = rest.to_vec();
-            coordinates.iter().zip(sample).for_each(|(c, v)| values[*c] = *v);
+            coordinates
+                .iter()
+                .zip(sample)
+                .for_each(|(c, v)| values[*c] = *v);
             model.couple(&mut values);
             values
         };
@@ -141,7 +153,10 @@ impl PoseSet {
             let [below, above] = [first + 1 + 2 * k, first + 2 + 2 * k].map(mean);
             (below - above) / (2.0 * step)
         };
-        (mean(first), self.steps.iter().enumerate().map(arm).collect())
+        (
+            mean(first),
+            self.steps.iter().enumerate().map(arm).collect(),
+        )
     }
 
     /// Samples of the path of some fibres of a muscle, for a force of the model.
@@ -172,11 +187,7 @@ const ROUNDS: usize = 100;
 /// Fibres in `count` bundles by their origins, by k-means; each bundle has at least one fibre. The
 /// bundles are in order along the longest line between two of them, which begins at its end towards
 /// `first`.
-pub fn bundles(
-    fibres: &[Vec<Point3<f64>>],
-    count: usize,
-    first: &Vector3<f64>,
-) -> Vec<Vec<usize>> {
+pub fn bundles(fibres: &[Vec<Point3<f64>>], count: usize, first: &Vector3<f64>) -> Vec<Vec<usize>> {
     let origins: Vec<Point3<f64>> = fibres.iter().map(|f| f[0]).collect();
     let count = count.clamp(1, origins.len().max(1));
     let nearest = |centres: &[Point3<f64>], p: &Point3<f64>| {
@@ -184,7 +195,8 @@ pub fn bundles(
         let best = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
         best.map_or(0, |(k, _)| k)
     };
-    let middle = origins.iter().map(|p| p.coords).sum::<Vector3<f64>>() / origins.len().max(1) as f64;
+    let middle =
+        origins.iter().map(|p| p.coords).sum::<Vector3<f64>>() / origins.len().max(1) as f64;
     // The first centre is the origin farthest from the middle, each other one the origin farthest
     // from all centres.
     let mut centres: Vec<Point3<f64>> = Vec::new();
@@ -200,7 +212,9 @@ pub fn bundles(
     for _ in 0..ROUNDS {
         for (k, centre) in centres.iter_mut().enumerate() {
             let own = origins.iter().zip(&of).filter(|(_, b)| **b == k);
-            let (sum, n) = own.fold((Vector3::zeros(), 0usize), |(s, n), (p, _)| (s + p.coords, n + 1));
+            let (sum, n) = own.fold((Vector3::zeros(), 0usize), |(s, n), (p, _)| {
+                (s + p.coords, n + 1)
+            });
             if n > 0 {
                 *centre = Point3::from(sum / n as f64);
             }
@@ -211,12 +225,22 @@ pub fn bundles(
         }
         of = next;
     }
-    let pairs = centres.iter().flat_map(|a| centres.iter().map(move |b| b - a));
+    let pairs = centres
+        .iter()
+        .flat_map(|a| centres.iter().map(move |b| b - a));
     let longest = pairs.max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
     let along = longest.unwrap_or_else(Vector3::zeros);
-    let along = if along.dot(first) > 0.0 { -along } else { along };
+    let along = if along.dot(first) > 0.0 {
+        -along
+    } else {
+        along
+    };
     let mut order: Vec<usize> = (0..centres.len()).collect();
-    order.sort_by(|a, b| along.dot(&centres[*a].coords).total_cmp(&along.dot(&centres[*b].coords)));
+    order.sort_by(|a, b| {
+        along
+            .dot(&centres[*a].coords)
+            .total_cmp(&along.dot(&centres[*b].coords))
+    });
     let bundle = |k: &usize| (0..of.len()).filter(|f| of[*f] == *k).collect::<Vec<_>>();
     order.iter().map(bundle).filter(|b| !b.is_empty()).collect()
 }
@@ -234,7 +258,10 @@ mod tests {
         let found = bundles(&fibres, 3, &-Vector3::x());
         assert_eq!(found.len(), 3);
         for bundle in &found {
-            assert!(bundle.len() == 10 && bundle.iter().all(|f| f % 3 == bundle[0] % 3), "{found:?}");
+            assert!(
+                bundle.len() == 10 && bundle.iter().all(|f| f % 3 == bundle[0] % 3),
+                "{found:?}"
+            );
         }
         // From one end to the other.
         assert_eq!([0, 1, 2].map(|k: usize| found[k][0] % 3), [0, 1, 2]);

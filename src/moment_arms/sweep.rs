@@ -18,8 +18,8 @@ use crate::fibres::polyline::length;
 use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::max_or_nan;
-use crate::scene::{AreaSpec, Joint, Minimisation, Scene, Solver};
 use crate::rigid::screw_part;
+use crate::scene::{AreaSpec, Joint, Minimisation, Scene, Solver};
 use crate::simulation::Stepper;
 use crate::simulation::joint_weights::{Distances, distances, joint_weights};
 use crate::simulation::tracked::{self, Tracked, TrackedParts};
@@ -224,7 +224,13 @@ impl SweepRun {
         let course = Course::of_joint(turning, &joint, &angles, step, frames);
         let fibres = (sweep.fibres, sweep.by);
         let (simulation, muscles, left_out) = started(scene, &sweep.joint, &course, fibres)?;
-        Ok(Self::begin(simulation, muscles, left_out, (angles, step, joint), course))
+        Ok(Self::begin(
+            simulation,
+            muscles,
+            left_out,
+            (angles, step, joint),
+            course,
+        ))
     }
 
     /// Prepares a scene that a model of OpenSim moves: it passes through poses, each with the values
@@ -247,7 +253,13 @@ impl SweepRun {
         let name = drive.joint_name(0).to_owned();
         let (simulation, muscles, left_out) = started(scene, &name, &course, fibres)?;
         let indices = (0..poses.len()).map(|k| k as f64).collect();
-        Ok(Self::begin(simulation, muscles, left_out, (indices, 1.0, joint), course))
+        Ok(Self::begin(
+            simulation,
+            muscles,
+            left_out,
+            (indices, 1.0, joint),
+            course,
+        ))
     }
 
     fn begin(
@@ -384,17 +396,24 @@ fn started(
     }
     let mut simulation = Simulation::new(scene)?;
     let all = simulation.scene.muscles.iter().zip(&crossed);
-    let left_out = all.filter(|(_, c)| c.is_none()).map(|(m, _)| m.name.clone());
+    let left_out = all
+        .filter(|(_, c)| c.is_none())
+        .map(|(m, _)| m.name.clone());
     let left_out = left_out.collect();
     let mut keep = crossed.iter();
-    simulation.bodies.retain(|_| keep.next().is_some_and(Option::is_some));
+    simulation
+        .bodies
+        .retain(|_| keep.next().is_some_and(Option::is_some));
     let over = simulation.bodies.iter().zip(crossed.iter().flatten());
     let muscles = over.map(|(body, joint)| cross(body, &course.moves[*joint], fibres));
     let mut muscles = muscles.collect::<Result<Vec<_>, _>>()?;
     if by == MuscleStepper::Spread {
         let placed = simulation.placed().to_vec();
         let bones = smooth_bones(&simulation);
-        let near = course.moves.iter().map(|moves| near_bones(&simulation, moves));
+        let near = course
+            .moves
+            .iter()
+            .map(|moves| near_bones(&simulation, moves));
         let near: Vec<Vec<Vec<Distances>>> = near.collect();
         for (m, (muscle, body)) in muscles.iter_mut().zip(&mut simulation.bodies).enumerate() {
             let joints = course.moves.iter().zip(&near);

@@ -114,7 +114,10 @@ pub(super) fn text_of(path: &Path) -> Result<String, ModelError> {
     let failed = |e: std::io::Error| ModelError::whole(&name, UNREADABLE, e.to_string());
     let length = std::fs::metadata(path).map_err(failed)?.len();
     if length > 1 << 30 {
-        let message = format!("the file has {length} bytes, more than the limit of {}", 1u64 << 30);
+        let message = format!(
+            "the file has {length} bytes, more than the limit of {}",
+            1u64 << 30
+        );
         return Err(ModelError::whole(&name, NOT_XML, message));
     }
     let bytes = std::fs::read(path).map_err(failed)?;

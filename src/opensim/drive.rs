@@ -82,13 +82,20 @@ impl ModelDrive {
             if !carries || joint.child == root || !model.hangs_on(joint.child, root) {
                 continue;
             }
-            let at = bones.iter().flatten().find(|(body, _)| *body == joint.child);
+            let at = bones
+                .iter()
+                .flatten()
+                .find(|(body, _)| *body == joint.child);
             let here = turned * place(k) + shift;
-            let moved = at.and_then(|(_, at)| *at).map_or(Vector3::zeros(), |at| at - here);
+            let moved = at
+                .and_then(|(_, at)| *at)
+                .map_or(Vector3::zeros(), |at| at - here);
             let from = Isometry3::from_parts(Translation3::from(shift + moved), turned);
             links.push(Link {
                 joint: k,
-                parent: links.iter().position(|l| model.joints[l.joint].child == joint.parent),
+                parent: links
+                    .iter()
+                    .position(|l| model.joints[l.joint].child == joint.parent),
                 into: from.inverse(),
                 around: [poses[joint.parent], poses[joint.child].inverse()],
             });
@@ -118,7 +125,12 @@ impl ModelDrive {
     ) -> Result<Self, ModelError> {
         let rest = model.defaults();
         let fail = |message: &str| Err(ModelError::whole("", MALFORMED, message));
-        let of = |coordinate: usize| model.joints.iter().find(|j| j.coordinates.contains(&coordinate));
+        let of = |coordinate: usize| {
+            model
+                .joints
+                .iter()
+                .find(|j| j.coordinates.contains(&coordinate))
+        };
         let Some((first, (_, axis), turning)) = joints.first() else {
             return fail("no coordinate");
         };
@@ -136,10 +148,16 @@ impl ModelDrive {
         let frames = [(own.into_inner(), Vector3::y()), (*axis, up)].map(|(axis, up)| {
             let across = up - axis * axis.dot(&up);
             let across = across.try_normalize(LEAST_ACROSS)?;
-            Some(nalgebra::Matrix3::from_columns(&[axis, across, axis.cross(&across)]))
+            Some(nalgebra::Matrix3::from_columns(&[
+                axis,
+                across,
+                axis.cross(&across),
+            ]))
         });
         let [Some(model_frame), Some(scene_frame)] = frames else {
-            return fail("the axis of the first coordinate is upright, so that it does not tell where the subject looks");
+            return fail(
+                "the axis of the first coordinate is upright, so that it does not tell where the subject looks",
+            );
         };
         let turned = scene_frame * model_frame.transpose();
         let mut bones = vec![Some((root, None)); turning.len()];
@@ -191,7 +209,9 @@ impl ModelDrive {
         let first = &self.links[0];
         let child = self.model.joints[first.joint].child;
         let ends = [muscle.points.first()?, muscle.points.last()?];
-        let (body, at) = ends.into_iter().find(|(body, _)| !self.model.hangs_on(*body, child))?;
+        let (body, at) = ends
+            .into_iter()
+            .find(|(body, _)| !self.model.hangs_on(*body, child))?;
         Some(first.into.inverse() * poses[*body] * at)
     }
 
@@ -222,7 +242,10 @@ impl ModelDrive {
             }
         }
         let pose = |body: &Option<usize>| {
-            let link = self.links.iter().rposition(|l| Some(self.model.joints[l.joint].child) == *body);
+            let link = self
+                .links
+                .iter()
+                .rposition(|l| Some(self.model.joints[l.joint].child) == *body);
             link.map_or(Isometry3::identity(), |k| whole[k])
         };
         self.bones.iter().map(pose).collect()
@@ -230,8 +253,13 @@ impl ModelDrive {
 
     /// The coordinates of the joints that move bones, without coupled ones.
     pub fn coordinates(&self) -> Vec<usize> {
-        let own = self.links.iter().flat_map(|l| &self.model.joints[l.joint].coordinates);
-        own.copied().filter(|c| !self.model.is_coupled(*c)).collect()
+        let own = self
+            .links
+            .iter()
+            .flat_map(|l| &self.model.joints[l.joint].coordinates);
+        own.copied()
+            .filter(|c| !self.model.is_coupled(*c))
+            .collect()
     }
 }
 
@@ -269,6 +297,9 @@ impl Model {
             return 0;
         };
         let carries = |b: &usize| rest.iter().all(|other| self.hangs_on(*other, *b));
-        self.to_ground(*first).into_iter().find(carries).unwrap_or(0)
+        self.to_ground(*first)
+            .into_iter()
+            .find(carries)
+            .unwrap_or(0)
     }
 }

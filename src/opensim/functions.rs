@@ -80,7 +80,9 @@ impl Function {
                 let (dimension, order) = (whole("dimension")?, whole("order")?);
                 let all = numbers("coefficients")?;
                 if dimension > 6 || order > 9 {
-                    let message = format!("a polynomial of {dimension} arguments and order {order} is not read");
+                    let message = format!(
+                        "a polynomial of {dimension} arguments and order {order} is not read"
+                    );
                     return Err(element.error(UNKNOWN_KIND, message));
                 }
                 let count = super::paths::exponents(dimension, order).len();
@@ -91,13 +93,18 @@ impl Function {
                 Self::Multivariate(all, dimension, order)
             }
             "function" | "coupled_coordinates_function" => return Self::inside(element, depth),
-            tag => return Err(element.error(UNKNOWN_KIND, format!("the function <{tag}> is not read"))),
+            tag => {
+                return Err(element.error(UNKNOWN_KIND, format!("the function <{tag}> is not read")));
+            }
         })
     }
 
     fn inside(element: Element<'_>, depth: usize) -> Result<Self, ModelError> {
         let first = element.children().next().ok_or_else(|| {
-            element.error(MALFORMED, format!("<{}> contains no function", element.tag()))
+            element.error(
+                MALFORMED,
+                format!("<{}> contains no function", element.tag()),
+            )
         })?;
         Self::nested(first, depth + 1)
     }
@@ -265,12 +272,36 @@ mod tests {
     fn each_kind_has_its_value() {
         let cases = [
             ("<Constant><value>0.25</value></Constant>", 2.0, 0.25),
-            ("<LinearFunction><coefficients>2 1</coefficients></LinearFunction>", 3.0, 7.0),
-            ("<PolynomialFunction><coefficients>1 0 -1</coefficients></PolynomialFunction>", 3.0, 8.0),
-            ("<PiecewiseLinearFunction><x>0 1 3</x><y>0 2 2</y></PiecewiseLinearFunction>", 0.5, 1.0),
-            ("<PiecewiseLinearFunction><x>0 1 3</x><y>0 2 2</y></PiecewiseLinearFunction>", -1.0, -2.0),
-            ("<PiecewiseLinearFunction><x>0 1 3</x><y>0 2 2</y></PiecewiseLinearFunction>", 9.0, 2.0),
-            ("<Sine><amplitude>2</amplitude><omega>1</omega><phase>0</phase><offset>1</offset></Sine>", 0.0, 1.0),
+            (
+                "<LinearFunction><coefficients>2 1</coefficients></LinearFunction>",
+                3.0,
+                7.0,
+            ),
+            (
+                "<PolynomialFunction><coefficients>1 0 -1</coefficients></PolynomialFunction>",
+                3.0,
+                8.0,
+            ),
+            (
+                "<PiecewiseLinearFunction><x>0 1 3</x><y>0 2 2</y></PiecewiseLinearFunction>",
+                0.5,
+                1.0,
+            ),
+            (
+                "<PiecewiseLinearFunction><x>0 1 3</x><y>0 2 2</y></PiecewiseLinearFunction>",
+                -1.0,
+                -2.0,
+            ),
+            (
+                "<PiecewiseLinearFunction><x>0 1 3</x><y>0 2 2</y></PiecewiseLinearFunction>",
+                9.0,
+                2.0,
+            ),
+            (
+                "<Sine><amplitude>2</amplitude><omega>1</omega><phase>0</phase><offset>1</offset></Sine>",
+                0.0,
+                1.0,
+            ),
             (
                 "<MultiplierFunction><function><Constant><value>3</value></Constant></function><scale>2</scale></MultiplierFunction>",
                 0.0,
@@ -282,7 +313,9 @@ mod tests {
             let function = read(text).expect(text);
             assert!((function.at(&[x]) - value).abs() < 1e-14, "{text}");
         }
-        let two = read("<MultivariatePolynomialFunction><coefficients>1 2 3 4 5 6</coefficients><dimension>2</dimension><order>2</order></MultivariatePolynomialFunction>");
+        let two = read(
+            "<MultivariatePolynomialFunction><coefficients>1 2 3 4 5 6</coefficients><dimension>2</dimension><order>2</order></MultivariatePolynomialFunction>",
+        );
         // 1 + 2 y + 3 y^2 + 4 x + 5 x y + 6 x^2
         let value = two.expect("a polynomial").at(&[2.0, 3.0]);
         assert_eq!(value, 1.0 + 6.0 + 27.0 + 8.0 + 30.0 + 24.0);
@@ -304,7 +337,11 @@ mod tests {
             let error = read(text).expect_err(text);
             assert!(error.line == 1 && error.column > 30, "{error}");
         }
-        let deep = format!("{}<Constant/>{}", "<MultiplierFunction><function>".repeat(500), "</function></MultiplierFunction>".repeat(500));
+        let deep = format!(
+            "{}<Constant/>{}",
+            "<MultiplierFunction><function>".repeat(500),
+            "</function></MultiplierFunction>".repeat(500)
+        );
         assert!(read(&deep).is_err());
     }
 

@@ -90,7 +90,9 @@ impl JointKind {
             Self::Slider => {
                 return Isometry3::translation(value(0), 0.0, 0.0);
             }
-            Self::Universal => turn(&Vector3::x_axis(), value(0)) * turn(&Vector3::y_axis(), value(1)),
+            Self::Universal => {
+                turn(&Vector3::x_axis(), value(0)) * turn(&Vector3::y_axis(), value(1))
+            }
             Self::Ball | Self::Free => turned_xyz([value(0), value(1), value(2)]),
             Self::Planar => turn(&Vector3::z_axis(), value(0)),
         };
@@ -113,9 +115,11 @@ fn custom(axes: &[Axis; 6], all: &[f64]) -> Isometry3<f64> {
         let arguments: Vec<f64> = axis.arguments.iter().map(|&k| all[k]).collect();
         axis.function.at(&arguments)
     };
-    let rotation = axes[..3].iter().fold(UnitQuaternion::identity(), |r, axis| {
-        r * turn(&Unit::new_unchecked(axis.axis), value(axis))
-    });
+    let rotation = axes[..3]
+        .iter()
+        .fold(UnitQuaternion::identity(), |r, axis| {
+            r * turn(&Unit::new_unchecked(axis.axis), value(axis))
+        });
     let translation: Vector3<f64> = axes[3..].iter().map(|axis| axis.axis * value(axis)).sum();
     Isometry3::from_parts(Translation3::from(translation), rotation)
 }
@@ -133,9 +137,20 @@ fn axes(
         arguments: Vec::new(),
     });
     for given in transform.children().filter(|e| e.tag() == "TransformAxis") {
-        let slots = ["rotation1", "rotation2", "rotation3", "translation1", "translation2", "translation3"];
+        let slots = [
+            "rotation1",
+            "rotation2",
+            "rotation3",
+            "translation1",
+            "translation2",
+            "translation3",
+        ];
         let Some(slot) = slots.iter().position(|slot| *slot == given.name()) else {
-            let message = format!("an axis named{}; the names are {}", given.named(), slots.join(", "));
+            let message = format!(
+                "an axis named{}; the names are {}",
+                given.named(),
+                slots.join(", ")
+            );
             return Err(given.error(MALFORMED, message));
         };
         let axis = Vector3::from(given.need("axis")?.exactly()?);

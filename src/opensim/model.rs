@@ -211,7 +211,11 @@ impl Model {
     /// # Panics
     /// Panics if there are not as many values as coordinates.
     pub fn poses(&self, values: &[f64]) -> Vec<Isometry3<f64>> {
-        assert_eq!(values.len(), self.coordinates.len(), "a value for each coordinate");
+        assert_eq!(
+            values.len(),
+            self.coordinates.len(),
+            "a value for each coordinate"
+        );
         let mut poses = vec![Isometry3::identity(); self.bodies.len()];
         for joint in &self.joints {
             poses[joint.child] = poses[joint.parent] * joint.across(values);
@@ -223,7 +227,10 @@ impl Model {
     /// count.
     pub fn straight_length(&self, muscle: &ModelMuscle, poses: &[Isometry3<f64>]) -> f64 {
         let points: Vec<Point3<f64>> = muscle.points.iter().map(|(b, p)| poses[*b] * p).collect();
-        points.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum()
+        points
+            .windows(2)
+            .map(|pair| (pair[1] - pair[0]).norm())
+            .sum()
     }
 }
 
@@ -314,7 +321,11 @@ impl<'p> Reader<'p> {
             let mut own = Vec::new();
             for coordinate in given.filter(|e| e.tag() == "Coordinate") {
                 let index = self.coordinates.len();
-                if self.coordinate_index.insert(coordinate.name(), index).is_some() {
+                if self
+                    .coordinate_index
+                    .insert(coordinate.name(), index)
+                    .is_some()
+                {
                     let message = format!("two coordinates have the name{}", coordinate.named());
                     return Err(coordinate.error(MALFORMED, message));
                 }
@@ -400,13 +411,19 @@ impl<'p> Reader<'p> {
         for (k, (element, joint)) in joints.iter().enumerate() {
             let body = &self.bodies[joint.child].name;
             if joint.child == 0 || of_child.insert(joint.child, k).is_some() {
-                let message = format!("the body {} is the child of several joints, or the ground", shown(body));
+                let message = format!(
+                    "the body {} is the child of several joints, or the ground",
+                    shown(body)
+                );
                 return Err(element.error(UNKNOWN_KIND, message));
             }
         }
         let free = (1..self.bodies.len()).find(|body| !of_child.contains_key(body));
         if let Some(body) = free {
-            let message = format!("no joint positions the body {}", shown(&self.bodies[body].name));
+            let message = format!(
+                "no joint positions the body {}",
+                shown(&self.bodies[body].name)
+            );
             return Err(self.model.error(MALFORMED, message));
         }
         let mut depth = vec![usize::MAX; self.bodies.len()];
@@ -434,7 +451,8 @@ impl<'p> Reader<'p> {
     fn couplers(&self) -> Result<Vec<Coupler>, ModelError> {
         let mut couplers = Vec::new();
         for element in self.model.components() {
-            if element.tag() != "CoordinateCouplerConstraint" || !element.flag_or("isEnforced", true)
+            if element.tag() != "CoordinateCouplerConstraint"
+                || !element.flag_or("isEnforced", true)
             {
                 continue;
             }
@@ -449,7 +467,10 @@ impl<'p> Reader<'p> {
             let arguments = arguments.collect::<Result<Vec<_>, _>>()?;
             let function = Function::read(element.need("coupled_coordinates_function")?)?;
             if function.arguments().is_some_and(|n| n != arguments.len()) {
-                let message = format!("a function that does not fit {} coordinates", arguments.len());
+                let message = format!(
+                    "a function that does not fit {} coordinates",
+                    arguments.len()
+                );
                 return Err(element.error(MALFORMED, message));
             }
             let [scale] = element.numbers_or("scale_factor", [1.0])?;
@@ -467,7 +488,10 @@ impl<'p> Reader<'p> {
         let mut muscles = Vec::new();
         for element in self.model.components() {
             let has_force = element.child("max_isometric_force").is_some();
-            if !has_force || element.child("optimal_fiber_length").is_none() || element.name().is_empty() {
+            if !has_force
+                || element.child("optimal_fiber_length").is_none()
+                || element.name().is_empty()
+            {
                 continue;
             }
             let one = |tag: &str| element.numbers_or(tag, [0.0]).map(|[v]| v);
@@ -480,7 +504,10 @@ impl<'p> Reader<'p> {
                     continue;
                 };
                 let (body, frame) = self.frame(point.need("socket_parent_frame")?, None)?;
-                points.push((body, frame * Point3::from(Vector3::from(location.exactly::<3>()?))));
+                points.push((
+                    body,
+                    frame * Point3::from(Vector3::from(location.exactly::<3>()?)),
+                ));
             }
             muscles.push(ModelMuscle {
                 name: element.name().to_owned(),
@@ -509,14 +536,20 @@ pub(super) fn path_of(element: Element<'_>) -> String {
         }
         at = up.parent();
     }
-    names.iter().rev().fold(String::new(), |path, name| format!("{path}/{name}"))
+    names
+        .iter()
+        .rev()
+        .fold(String::new(), |path, name| format!("{path}/{name}"))
 }
 
 /// The pose of an offset frame on the frame that it is fixed to.
 fn offset_pose(element: Element<'_>) -> Result<Isometry3<f64>, ModelError> {
     let translation = Vector3::from(element.numbers_or("translation", [0.0; 3])?);
     let rotation = turned_xyz(element.numbers_or("orientation", [0.0; 3])?);
-    Ok(Isometry3::from_parts(Translation3::from(translation), rotation))
+    Ok(Isometry3::from_parts(
+        Translation3::from(translation),
+        rotation,
+    ))
 }
 
 /// The meshes of a body, also those on frames that belong to it.

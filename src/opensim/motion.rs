@@ -59,7 +59,8 @@ impl MotionTable {
                     "yes" => Some(true),
                     "no" => Some(false),
                     other => {
-                        let message = format!("inDegrees is `{}`, neither yes nor no", shown(other));
+                        let message =
+                            format!("inDegrees is `{}`, neither yes nor no", shown(other));
                         return Err(fail(number, message));
                     }
                 };
@@ -71,14 +72,24 @@ impl MotionTable {
         };
         let words = |line: &str| -> Vec<String> {
             match line.contains('\t') {
-                true => line.trim_end_matches(['\t', '\r']).split('\t').map(|w| w.trim().to_owned()).collect(),
+                true => line
+                    .trim_end_matches(['\t', '\r'])
+                    .split('\t')
+                    .map(|w| w.trim().to_owned())
+                    .collect(),
                 false => line.split_ascii_whitespace().map(str::to_owned).collect(),
             }
         };
         let names = words(names);
-        if names.first().is_none_or(|first| !first.eq_ignore_ascii_case("time")) {
+        if names
+            .first()
+            .is_none_or(|first| !first.eq_ignore_ascii_case("time"))
+        {
             let found = names.first().map_or("", String::as_str);
-            return Err(fail(number, format!("the first column is `{}`, not `time`", shown(found))));
+            return Err(fail(
+                number,
+                format!("the first column is `{}`, not `time`", shown(found)),
+            ));
         }
         let (mut times, mut rows) = (Vec::new(), Vec::new());
         for (number, line) in lines {
@@ -93,8 +104,11 @@ impl MotionTable {
                 .map(|(word, name)| {
                     // Columns of other quantities can lack values; those of a motion cannot.
                     word.parse::<f64>().map_err(|_| {
-                        let message =
-                            format!("`{}` in the column `{}` is no number", shown(word), shown(name));
+                        let message = format!(
+                            "`{}` in the column `{}` is no number",
+                            shown(word),
+                            shown(name)
+                        );
                         fail(number, message)
                     })
                 })
@@ -103,7 +117,10 @@ impl MotionTable {
             let row = parsed.split_off(1);
             let time = parsed[0];
             if !time.is_finite() || times.last().is_some_and(|last| !(time > *last)) {
-                return Err(fail(number, format!("the time {time} does not come after the one before")));
+                return Err(fail(
+                    number,
+                    format!("the time {time} does not come after the one before"),
+                ));
             }
             times.push(time);
             rows.push(row);
@@ -172,7 +189,11 @@ impl MotionTable {
             next => (next - 1, next),
         };
         let span = self.times[after] - self.times[before];
-        let share = if span > 0.0 { (time - self.times[before]) / span } else { 0.0 };
+        let share = if span > 0.0 {
+            (time - self.times[before]) / span
+        } else {
+            0.0
+        };
         let mut values: Vec<f64> = model.coordinates.iter().map(|c| c.default).collect();
         for &(coordinate, column) in columns {
             let [from, to] = [before, after].map(|row| self.rows[row][column]);

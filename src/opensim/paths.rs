@@ -128,7 +128,8 @@ impl PathSamples {
             return None;
         }
         let count = own.values.len();
-        let (seen, whole): (Vec<usize>, Vec<usize>) = ((0..count).step_by(2).collect(), (0..count).collect());
+        let (seen, whole): (Vec<usize>, Vec<usize>) =
+            ((0..count).step_by(2).collect(), (0..count).collect());
         let mut best: Option<FittedPath> = None;
         for order in LEAST_ORDER..=most_order.clamp(LEAST_ORDER, MOST_ORDER) {
             let exponents = exponents(own.coordinates.len(), order);
@@ -194,7 +195,11 @@ impl PathSamples {
             matrix.column_mut(k).scale_mut(unit(norm));
         }
         let solution = matrix.svd(true, true).solve(&right, SINGULAR).ok()?;
-        let all: Vec<f64> = solution.iter().zip(&norms).map(|(c, n)| c * unit(n)).collect();
+        let all: Vec<f64> = solution
+            .iter()
+            .zip(&norms)
+            .map(|(c, n)| c * unit(n))
+            .collect();
         all.iter().all(|c| c.is_finite()).then_some(all)
     }
 
@@ -238,7 +243,12 @@ impl FittedPath {
             let short = path.rsplit('/').next().unwrap_or_default();
             format!("{short} {} to {}", number(*low), number(*high))
         };
-        let ranges: Vec<String> = self.coordinates.iter().zip(&self.ranges).map(range).collect();
+        let ranges: Vec<String> = self
+            .coordinates
+            .iter()
+            .zip(&self.ranges)
+            .map(range)
+            .collect();
         let [length, arm] = [self.length_error[0], self.arm_error[0]].map(|e| number(1e3 * e));
         let remark = format!(
             "Valid for {} [rad or m]. Errors at poses left out of the fit: length {length} mm, moment arm {arm} mm (RMS). The length is \
@@ -250,10 +260,16 @@ impl FittedPath {
             // Two hyphens would end a comment of XML.
             format!("<!-- {} -->", remark.replace("--", "- -")),
             format!("<FunctionBasedPath name=\"{}\">", escaped(name)),
-            format!("\t<coordinate_paths>{}</coordinate_paths>", escaped(&self.coordinates.join(" "))),
+            format!(
+                "\t<coordinate_paths>{}</coordinate_paths>",
+                escaped(&self.coordinates.join(" "))
+            ),
             "\t<length_function>".to_owned(),
             "\t\t<MultivariatePolynomialFunction>".to_owned(),
-            format!("\t\t\t<coefficients>{}</coefficients>", coefficients.join(" ")),
+            format!(
+                "\t\t\t<coefficients>{}</coefficients>",
+                coefficients.join(" ")
+            ),
             format!("\t\t\t<dimension>{}</dimension>", self.coordinates.len()),
             format!("\t\t\t<order>{}</order>", self.order),
             "\t\t</MultivariatePolynomialFunction>".to_owned(),
@@ -285,7 +301,10 @@ pub fn write_set(path: &Path, paths: &[FittedPath]) -> io::Result<()> {
         for path in paths {
             writeln!(w, "\t\t\t{}", path.element(&path.force, "\t\t\t"))?;
         }
-        writeln!(w, "\t\t</objects>\n\t\t<groups />\n\t</Set_FunctionBasedPath_>")?;
+        writeln!(
+            w,
+            "\t\t</objects>\n\t\t<groups />\n\t</Set_FunctionBasedPath_>"
+        )?;
         writeln!(w, "</OpenSimDocument>")
     })
 }
@@ -302,7 +321,10 @@ pub fn write_table(
     rows: impl Iterator<Item = Vec<f64>> + Clone,
 ) -> io::Result<()> {
     write_whole(path, |w| {
-        writeln!(w, "{name}\ninDegrees=no\nDataType=double\nversion=3\nendheader")?;
+        writeln!(
+            w,
+            "{name}\ninDegrees=no\nDataType=double\nversion=3\nendheader"
+        )?;
         writeln!(w, "time\t{}", columns.join("\t"))?;
         for (k, row) in rows.clone().enumerate() {
             let row: Vec<String> = row.iter().map(f64::to_string).collect();
@@ -330,7 +352,9 @@ pub fn splice(text: &str, file: &str, paths: &[FittedPath]) -> Result<String, Mo
             let message = format!("the model has no force `{}`", shown(&path.force));
             return Err(ModelError::whole(file, UNKNOWN_NAME, message));
         };
-        let is_path = |tag: &str| tag == "GeometryPath" || tag.ends_with("BasedPath") || tag == "Scholz2015GeometryPath";
+        let is_path = |tag: &str| {
+            tag == "GeometryPath" || tag.ends_with("BasedPath") || tag == "Scholz2015GeometryPath"
+        };
         let Some(old) = force.children().find(|e| is_path(e.tag())) else {
             let message = format!("the force{} has no path", force.named());
             return Err(force.error(MALFORMED, message));
@@ -338,7 +362,10 @@ pub fn splice(text: &str, file: &str, paths: &[FittedPath]) -> Result<String, Mo
         let start = old.range().start;
         let line = text[..start].rfind('\n').map_or(0, |at| at + 1);
         // The path keeps the column of the one that it replaces.
-        let indent: String = text[line..start].chars().take_while(|c| c.is_whitespace()).collect();
+        let indent: String = text[line..start]
+            .chars()
+            .take_while(|c| c.is_whitespace())
+            .collect();
         changes.push((old.range(), path.element("path", &indent)));
     }
     changes.sort_by_key(|(range, _)| range.start);
@@ -346,7 +373,11 @@ pub fn splice(text: &str, file: &str, paths: &[FittedPath]) -> Result<String, Mo
     let mut at = 0;
     for (range, element) in changes {
         if range.start < at {
-            return Err(ModelError::whole(file, MALFORMED, "two paths for one force"));
+            return Err(ModelError::whole(
+                file,
+                MALFORMED,
+                "two paths for one force",
+            ));
         }
         spliced.push_str(&text[at..range.start]);
         spliced.push_str(&element);

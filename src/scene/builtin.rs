@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::error::{SceneError, SceneProblem};
 use super::parse::{Surroundings, parse_content, parse_with, unknown_name};
-use crate::spelling::shown_path;
 use super::{Content, Scene, Variables, no_variables};
+use crate::spelling::shown_path;
 
 /// Largest size of a scene file [bytes].
 const LARGEST: u64 = 4 << 20;

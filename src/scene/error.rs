@@ -3,9 +3,9 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::spelling::shown;
 use super::tree::{Sources, Span};
 use super::units::{Dimension, UnitError};
+use crate::spelling::shown;
 
 /// Kinds of errors in a scene.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

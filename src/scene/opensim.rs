@@ -64,14 +64,25 @@ pub(super) fn read(
             across.normalize()
         }
         None if up == Vector3::y() => Vector3::x(),
-        None => return section.fail(SceneProblem::missing("forward", "`forward = [1, 0, 0]`: where the subject looks")),
+        None => {
+            return section.fail(SceneProblem::missing(
+                "forward",
+                "`forward = [1, 0, 0]`: where the subject looks",
+            ));
+        }
     };
     let drive = ModelDrive::new(model, &named, rest, [forward, up])
         .map_err(|e| section.error_at("bones", e.into()))?;
     if let (Some(item), Some(frames)) = (section.get("motion"), frames) {
         move_bones(&section, &item, &drive, bones, frames)?;
-    } else if let Some(unused) = ["from", "to", "lead_in"].iter().find_map(|k| section.get(k)) {
-        return unused.fail(SceneProblem::missing("motion", "`motion = \"walk.mot\"`, which it is a part of"));
+    } else if let Some(unused) = ["from", "to", "lead_in"]
+        .iter()
+        .find_map(|k| section.get(k))
+    {
+        return unused.fail(SceneProblem::missing(
+            "motion",
+            "`motion = \"walk.mot\"`, which it is a part of",
+        ));
     }
     Ok(Some(Arc::new(drive)))
 }
@@ -84,7 +95,9 @@ fn named(
 ) -> Result<Vec<Option<crate::opensim::DrivenBone>>, SceneError> {
     let list = section.need("bones", "{ femur = \"femur_r\", pelvis = \"pelvis\" }")?;
     let Some(list) = section.section("bones")? else {
-        return list.fail(SceneProblem::EmptyList { expected: "a bone of the scene and its body".to_owned() });
+        return list.fail(SceneProblem::EmptyList {
+            expected: "a bone of the scene and its body".to_owned(),
+        });
     };
     let mut centres = BTreeMap::new();
     if let Some(given) = section.section("centres")? {
@@ -103,7 +116,9 @@ fn named(
             let known = bones.iter().map(|b| b.name.as_str());
             return item.fail(parse::unknown_name("bone", name, known));
         };
-        let body = model.body(item.text("femur_r")?).map_err(|e| item.error(e.into()))?;
+        let body = model
+            .body(item.text("femur_r")?)
+            .map_err(|e| item.error(e.into()))?;
         // A bone with a joint of its own in the scene has its place.
         let own = bones[bone].motion.joint.as_ref().map(|joint| joint.centre);
         named[bone] = Some((body, centres.get(&body).copied().or(own)));
@@ -141,17 +156,24 @@ fn move_bones(
         return item.fail(SceneProblem::out_of_range(&frames.to_string(), &allowed));
     }
     let table = MotionTable::read(&file(item, "walk.mot")?).map_err(|e| item.error(e.into()))?;
-    let columns = table.coordinates(&drive.model).map_err(|e| item.error(e.into()))?;
+    let columns = table
+        .coordinates(&drive.model)
+        .map_err(|e| item.error(e.into()))?;
     let [first, last] = table.span();
     let within = Limit::Within(first, last);
     let from = section.quantity_or("from", Dimension::Time, within, first)?;
     let to = section.quantity_or("to", Dimension::Time, within, last)?;
     if !(to >= from) {
         let allowed = "a time after `from`";
-        return section.need("to", "\"1 s\"")?.fail(SceneProblem::out_of_range(&to.to_string(), allowed));
+        return section
+            .need("to", "\"1 s\"")?
+            .fail(SceneProblem::out_of_range(&to.to_string(), allowed));
     }
     let start = table.values(&drive.model, &columns, from);
-    let rests = start.iter().zip(&drive.rest).all(|(a, b)| (a - b).abs() <= SAME);
+    let rests = start
+        .iter()
+        .zip(&drive.rest)
+        .all(|(a, b)| (a - b).abs() <= SAME);
     let longest = u32::try_from(frames - 1).unwrap_or(u32::MAX);
     let lead_in = match section.get("lead_in") {
         Some(item) => item.whole(0, longest)? as usize,
@@ -163,7 +185,10 @@ fn move_bones(
         let poses = if frame < lead_in {
             let share = smooth_step(frame as f64 / lead_in as f64);
             let mixed = drive.rest.iter().zip(&start);
-            values.iter_mut().zip(mixed).for_each(|(v, (a, b))| *v = a + (b - a) * share);
+            values
+                .iter_mut()
+                .zip(mixed)
+                .for_each(|(v, (a, b))| *v = a + (b - a) * share);
             drive.model.couple(&mut values);
             drive.poses(&values)
         } else {

@@ -14,8 +14,8 @@ use super::error::{SceneError, SceneProblem};
 use super::reader::unknown_key;
 use super::schema::{Kind, ROOT, Schema};
 use super::solvers::{SOLVERS, SolverSpec};
-use crate::spelling::{listed, nearest, shown};
 use super::tree::{self, Entry, Node, Sources, Span, Table, Value};
+use crate::spelling::{listed, nearest, shown};
 
 /// One segment of a path.
 struct Segment {

@@ -30,7 +30,6 @@ use super::error::{Gathered, SceneError, SceneProblem};
 use super::interval::Intervals;
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
-use crate::spelling::{listed, nearest, shown};
 use super::tree::{self, Node, Sources};
 use super::units::{self, Dimension};
 use super::{
@@ -41,6 +40,7 @@ use crate::io::check_mesh;
 use crate::mesh::TriangleMesh;
 use crate::mesh::repair::{LONGEST_RIM, RepairOptions};
 use crate::mesh::shapes;
+use crate::spelling::{listed, nearest, shown};
 
 /// Greatest length of a name [bytes]; names become parts of file names.
 const LONGEST_NAME: usize = 100;

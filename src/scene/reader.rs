@@ -7,9 +7,9 @@ use super::interval::{Intervals, has_interval};
 pub(super) use super::keys::Limit;
 use super::parse::Surroundings;
 use super::schema::{Kind, Schema};
-use crate::spelling::{nearest, shown};
 use super::tree::{Entry, Node, Sources, Span, Table, Value};
 use super::units::{self, Dimension};
+use crate::spelling::{nearest, shown};
 
 /// Context of the reader.
 #[derive(Clone, Copy)]

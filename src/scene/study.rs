@@ -16,8 +16,8 @@ use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknow
 use super::paths::Variables;
 use super::reader::{Context, Item, Section};
 use super::schema::{Kind, Schema};
-use crate::spelling::{shown, shown_path};
 use super::tree::{self, Node, Sources, Span, Table, Value};
+use crate::spelling::{shown, shown_path};
 
 pub use combine::Combine;
 

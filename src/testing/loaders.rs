@@ -98,7 +98,7 @@ pub enum LoadOutcome {
 }
 
 /// Runs the check of a fuzz target by name: a reader of [`LOADERS`], `blocks`, `scene`, `springs`,
-/// `pvd`, `write`, `repair` or `state`.
+/// `pvd`, `opensim`, `write`, `repair` or `state`.
 ///
 /// # Errors
 /// The first broken promise.
@@ -110,6 +110,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<LoadOutcome, Breach> {
         "repair" => super::mending::check_repair(bytes),
         "state" => super::restoring::check_state(bytes),
         "springs" => super::spring_files::check_spring_file(bytes),
+        "opensim" => super::models::check_model(bytes),
         "pvd" => super::collections::check_collection(bytes),
         _ => match loaders().iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),

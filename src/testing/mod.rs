@@ -14,6 +14,7 @@ mod dual;
 pub mod internals;
 mod loaders;
 mod mending;
+mod models;
 mod mutations;
 mod restoring;
 mod round_trip;
@@ -34,6 +35,7 @@ pub use loaders::{
     Breach, LoadOutcome, Loader, check_loader, check_reader, check_scene, check_target, loaders,
 };
 pub use mending::{check_repair, check_repaired};
+pub use models::check_model;
 pub use mutations::{Mutator, dictionary};
 pub use restoring::check_state;
 pub use round_trip::{check_round_trip, drawing};

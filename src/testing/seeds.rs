@@ -43,6 +43,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "state" => super::restoring::states(),
         "springs" => springs(),
         "pvd" => collections(),
+        "opensim" => models(),
         _ => samples(target),
     }
 }
@@ -61,6 +62,21 @@ fn springs() -> Vec<Vec<u8>> {
         "3 2\n0 0 0 m\n1 0 0 m\n0 1 .5 i\n1\n0 1 2\n2\n0 1 1.5\n1 2 2\n1\n0 1\n1\n0\n1\n2\n"
             .to_owned(),
         "2 2\r\n\r\n1e3 0 0 m\r\n0 -1 0\tm\r\n0\r\n1\r\n1 0 4\r\n0\r\n0\r\n0".to_owned(),
+    ])
+}
+
+fn models() -> Vec<Vec<u8>> {
+    let joint = "<PinJoint name=\"j\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>f</socket_child_frame>\
+        <coordinates><Coordinate name=\"q\"><default_value>0.1</default_value></Coordinate></coordinates>\
+        <frames><PhysicalOffsetFrame name=\"f\"><socket_parent>/bodyset/b</socket_parent><translation>0 1 2</translation>\
+        </PhysicalOffsetFrame></frames></PinJoint>";
+    texts([
+        format!(
+            "<OpenSimDocument Version=\"40600\"><Model name=\"m\"><BodySet name=\"bodyset\"><objects><Body name=\"b\"/></objects></BodySet>\
+             <JointSet name=\"jointset\"><objects>{joint}</objects></JointSet></Model></OpenSimDocument>"
+        ),
+        "name\ninDegrees=yes\nendheader\ntime\tq\n0\t1\n0.5\t-2e1\n".to_owned(),
+        "Coordinates\nnRows=1\nendheader\ntime /jointset/j/q/value\n0 1\n".to_owned(),
     ])
 }
 

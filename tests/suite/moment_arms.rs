@@ -7,7 +7,8 @@ use pliant::io;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
 use pliant::mesh::shapes::{icosphere, tube};
-use pliant::moment_arms::{Arms, MuscleStepper, Sweep, SweepError, SweepRun};
+use pliant::moment_arms::{Arms, MuscleStepper, PoseSet, Sweep, SweepError, SweepRun, joint_of};
+use pliant::opensim::{Model, ModelDrive};
 use pliant::progress::Silent;
 use pliant::scene::{Scene, parse};
 use pliant::simulation::run;
@@ -306,5 +307,83 @@ fn the_real_hip() {
             muscle.name,
             arms.mean
         );
+    }
+}
+
+/// A run through poses of a model of one joint gives the lengths of a sweep about the same joint, and
+/// its central differences the moment arms.
+#[test]
+fn poses_of_a_model_are_those_of_a_sweep() {
+    let (_folder, first) = scene("of-a-sweep", |text| text);
+    let (_other, mut second) = scene("of-a-model", |text| text);
+    let running = swept(first, &sweep(-0.1, 0.1));
+    let (joint, turning) = joint_of(&second, "hinge").expect("a joint");
+    let model = Model::read(Path::new("tests/suite/opensim/joints.osim")).expect("a model");
+    let pin = model.coordinate("pin_0").expect("a coordinate");
+    // Any direction across the axis is up.
+    let up = joint.axis.cross(&Vector3::new(0.3, 0.5, 0.7)).normalize();
+    let joints = [(pin, (joint.centre, joint.axis.into_inner()), turning)];
+    let drive = ModelDrive::about_joints(model, &joints, up).expect("a drive");
+    let set = PoseSet::grid(&drive.model, &drive.rest, &[(pin, [-0.1, 0.1])], 3);
+    assert_eq!((set.samples.len(), set.poses.len(), set.each()), (3, 9, 3));
+    second.opensim = Some(std::sync::Arc::new(drive));
+    let mut through = SweepRun::through(second, &set.poses, sweep(0.0, 1.0).fibres).expect("ready");
+    run(&mut through, &mut [], &Silent);
+    assert_eq!(through.done(), 9);
+    let (muscle, arms) = (
+        &through.muscles[0],
+        Arms::new(&running.muscles[0], &running, 4),
+    );
+    let all: Vec<usize> = (0..muscle.fibres.len()).collect();
+    for (sample, value) in [(0, 0), (1, 5), (2, 10)] {
+        let (length, moment) = set.length_and_arms(muscle, &all, sample);
+        assert!(
+            (length - arms.length[value]).abs() <= T23 * 0.12,
+            "{length} {}",
+            arms.length[value]
+        );
+        // Both are differences over some degrees.
+        assert!(
+            (moment[0] - arms.mean[value]).abs() <= T22 * ARM,
+            "{} {}",
+            moment[0],
+            arms.mean[value]
+        );
+    }
+    let apart = (set.length_and_arms(muscle, &all, 0).0 - arms.length[10]).abs();
+    assert!(
+        apart > 1e-3,
+        "control: at another angle the length is another"
+    );
+}
+
+#[test]
+fn a_hypercube_has_a_sample_in_each_part_of_each_range() {
+    let model = Model::read(Path::new("tests/suite/opensim/joints.osim")).expect("a model");
+    let index = |name: &str| model.coordinate(name).expect("a coordinate");
+    let ranges = [
+        (index("pin_0"), [-1.0, 1.0]),
+        (index("slider_0"), [0.0, 0.1]),
+    ];
+    let set = PoseSet::hypercube(&model, &model.defaults(), &ranges, 16, 7);
+    for (k, (_, [low, high])) in ranges.iter().enumerate() {
+        let mut parts: Vec<usize> = set
+            .samples
+            .iter()
+            .map(|s| ((s[k] - low) / (high - low) * 16.0) as usize)
+            .collect();
+        parts.sort_unstable();
+        assert_eq!(parts, (0..16).collect::<Vec<_>>());
+    }
+    assert_eq!(
+        set,
+        PoseSet::hypercube(&model, &model.defaults(), &ranges, 16, 7)
+    );
+    let grid = PoseSet::grid(&model, &model.defaults(), &ranges, 4);
+    assert_eq!(grid.samples.len(), 16);
+    // Neighbours in the list are neighbours in the grid.
+    for pair in grid.samples.windows(2) {
+        let moved = (0..2).filter(|k| pair[0][*k] != pair[1][*k]).count();
+        assert_eq!(moved, 1, "{pair:?}");
     }
 }

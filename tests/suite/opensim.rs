@@ -2,8 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::Point3;
-use pliant::opensim::Model;
+use nalgebra::{Isometry3, Point3, Vector3};
+use pliant::mesh::measures::max_or_nan;
+use pliant::opensim::paths::{self, PathSamples};
+use pliant::opensim::{Model, MotionTable};
+use pliant::scene::{Scene, SceneError, parse};
+use pliant::testing::Scratch;
 
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
@@ -39,7 +43,10 @@ fn off(model: &Model, table: &str) -> f64 {
     let mut worst = 0.0_f64;
     for (i, row) in table.lines().enumerate() {
         let poses = model.poses(&chosen(model, i));
-        let real: Vec<f64> = row.split(',').map(|n| n.parse().expect("a number")).collect();
+        let real: Vec<f64> = row
+            .split(',')
+            .map(|n| n.parse().expect("a number"))
+            .collect();
         assert_eq!(real.len(), 3 * (poses.len() - 1));
         for (pose, real) in poses[1..].iter().zip(real.chunks(3)) {
             let place = pose * Point3::new(0.1, 0.2, 0.3);
@@ -73,4 +80,301 @@ fn rajagopals_bodies_are_where_opensim_places_them() {
     let table = std::fs::read_to_string(file("rajagopal.csv")).expect("a table");
     let worst = off(&model, &table);
     assert!(worst <= 1e-12, "{worst:e} m");
+}
+
+/// A scene of two balls that the model of all joints moves, with a motion from a file.
+fn driven(folder: &Path, change: impl Fn(String) -> String) -> Result<Scene, SceneError> {
+    std::fs::copy(file("joints.osim"), folder.join("m.osim")).expect("copied");
+    let mut table =
+        "motion\ninDegrees=no\nnColumns=3\nendheader\ntime\t/jointset/Pin/pin_0/value\tp\tq\n"
+            .to_owned();
+    for k in 0..5 {
+        let t = f64::from(k);
+        table += &format!(
+            "{}\t{}\t{}\t{}\n",
+            0.5 * t,
+            0.1 * t,
+            0.3 - 0.2 * t,
+            0.05 * t * t
+        );
+    }
+    std::fs::write(folder.join("walk.mot"), table).expect("written");
+    let text = "frames = 10\nframe_rate = '60 Hz'\n\
+        [[bone]]\nname = 'upper'\nshape = 'tetrahedron'\n\
+        [[bone]]\nname = 'lower'\nshape = 'tetrahedron'\n\
+        [[bone]]\nname = 'aside'\nshape = 'tetrahedron'\n\
+        [[muscle]]\nname = 'm'\nshape = 'tetrahedron'\n\
+        [effects.gravity]\nacceleration = ['0 m/s2', '-9.81 m/s2', '0 m/s2']\n\
+        [opensim]\nmodel = 'm.osim'\nbones = { upper = 'planar', lower = 'custom' }\nmotion = 'walk.mot'\nlead_in = 2\n"
+        .to_owned();
+    parse(&change(text), "driven.toml", folder)
+}
+
+#[test]
+fn bones_follow_a_motion_from_a_file() {
+    let folder = Scratch::folder();
+    let scene = driven(&folder, |text| text).expect("a scene");
+    let model = Model::read(&file("joints.osim")).expect("a model");
+    let [planar, custom] = ["planar", "custom"].map(|name| model.body(name).expect("a body"));
+    let index = |name: &str| model.coordinate(name).expect("a coordinate");
+    let rest = model.poses(&model.defaults());
+    // The first body carries the other and rests; bones without a body rest.
+    assert!(scene.bones[0].motion.keys.is_empty() && scene.bones[2].motion.keys.is_empty());
+    for frame in 2..=10 {
+        // Eight frames over two seconds.
+        let t = 2.0 * f64::from(frame - 2) / 8.0;
+        let row = |of: &dyn Fn(f64) -> f64| {
+            let k = (2.0 * t).floor().min(3.0);
+            of(k) + (2.0 * t - k) * (of(k + 1.0) - of(k))
+        };
+        let mut values = model.defaults();
+        values[index("pin_0")] = row(&|k| 0.1 * k);
+        values[index("p")] = row(&|k| 0.3 - 0.2 * k);
+        values[index("q")] = row(&|k| 0.05 * k * k);
+        model.couple(&mut values);
+        let poses = model.poses(&values);
+        let expected =
+            rest[planar] * poses[planar].inverse() * poses[custom] * rest[custom].inverse();
+        let found = scene.bones[1].motion.pose(f64::from(frame));
+        let point = Point3::new(0.3, -0.2, 0.5);
+        let off = (found * point - expected * point).norm();
+        assert!(off <= 1e-12, "frame {frame}: {off:e} m");
+    }
+    // From the pose of the meshes, without a jump.
+    assert_eq!(scene.bones[1].motion.pose(0.0), Isometry3::identity());
+    let elsewhere = driven(&folder, |text| {
+        text.replace("lead_in = 2", "lead_in = 2\nfrom = '1 s'")
+    })
+    .expect("a scene");
+    assert!(elsewhere.bones[1].motion != scene.bones[1].motion);
+}
+
+/// A joint acts at its place in the scene, and about the scene's directions.
+#[test]
+fn a_joint_has_its_place_in_the_scene() {
+    let folder = Scratch::folder();
+    let placed =
+        |text: String| text + "centres = { Custom = ['1 m', '2 m', '3 m'] }\nforward = [0, 0, 1]\n";
+    let scene = driven(&folder, placed).expect("a scene");
+    let drive = scene.opensim.as_ref().expect("a model");
+    let at = (0..drive.joints())
+        .find(|k| drive.joint_name(*k) == "Custom")
+        .expect("a joint");
+    assert!((drive.place(at) - Point3::new(1.0, 2.0, 3.0)).norm() <= 1e-12);
+    // The model's x is forward, which is z here; its own displacement is that of the model turned.
+    let free = driven(&folder, |text| text).expect("a scene");
+    let own = free.opensim.as_ref().expect("a model");
+    let values: Vec<f64> = own.rest.iter().map(|v| v + 0.2).collect();
+    let [here, there] = [drive, own].map(|d| d.displacements(&values)[at].rotation);
+    let turn =
+        nalgebra::UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2);
+    assert!((here.inverse() * (turn * there * turn.inverse())).angle() <= 1e-12);
+}
+
+#[test]
+fn what_is_wrong_with_a_model_or_a_motion_is_said() {
+    let folder = Scratch::folder();
+    std::fs::write(
+        folder.join("old.osim"),
+        "<?xml version='1.0'?>\n<OpenSimDocument Version='30000'/>\n",
+    )
+    .expect("written");
+    std::fs::write(
+        folder.join("cut.osim"),
+        "<OpenSimDocument Version=\"40600\"><Model name='m'>",
+    )
+    .expect("written");
+    std::fs::write(folder.join("other.mot"), "endheader\ntime\tx\n0\t1\n").expect("written");
+    std::fs::write(folder.join("back.mot"), "endheader\ntime\tp\n1\t1\n0\t1\n").expect("written");
+    std::fs::write(folder.join("few.mot"), "endheader\ntime\tp\n0\t1\n1\n").expect("written");
+    std::fs::write(folder.join("nan.mot"), "endheader\ntime\tp\n0\tnan\n").expect("written");
+    let wrong = [
+        ("model = 'm.osim'", "model = 'none.osim'", "no file"),
+        (
+            "model = 'm.osim'",
+            "model = 'old.osim'",
+            "older than OpenSim 4.0",
+        ),
+        ("model = 'm.osim'", "model = 'cut.osim'", "cut.osim:1:"),
+        (
+            "lower = 'custom'",
+            "lower = 'custon'",
+            "did you mean `custom`?",
+        ),
+        (
+            "lower = 'custom'",
+            "lover = 'custom'",
+            "did you mean `lower`?",
+        ),
+        ("upper = 'planar', ", "", "no joint between them"),
+        (
+            "motion = 'walk.mot'",
+            "motion = 'other.mot'",
+            "no column is a coordinate",
+        ),
+        (
+            "motion = 'walk.mot'",
+            "motion = 'back.mot'",
+            "back.mot:4: the time 0",
+        ),
+        (
+            "motion = 'walk.mot'",
+            "motion = 'few.mot'",
+            "few.mot:4: 1 values for 2 columns",
+        ),
+        ("motion = 'walk.mot'", "motion = 'nan.mot'", "not finite"),
+        ("motion = 'walk.mot'\n", "", "`motion` is missing"),
+        ("lead_in = 2", "lead_in = 10", "10"),
+        ("lead_in = 2", "from = '3 s'", "is not allowed"),
+        ("lead_in = 2", "from = '1 s'\nto = '0.5 s'", "0.5"),
+        (
+            "lead_in = 2",
+            "at = { pin_1 = '1 deg' }",
+            "did you mean `pin_0`?",
+        ),
+        ("lead_in = 2", "at = { pin_0 = '1 m' }", "m"),
+        (
+            "lead_in = 2",
+            "centres = { Costum = ['0 m', '0 m', '0 m'] }",
+            "joint of the model",
+        ),
+        ("lead_in = 2", "forward = [0, 1, 0]", "forward"),
+        (
+            "bones = { upper = 'planar', lower = 'custom' }",
+            "bones = {}",
+            "no joint between them",
+        ),
+    ];
+    for (from, to, says) in wrong {
+        let error = driven(&folder, |text| text.replace(from, to)).expect_err(to);
+        assert!(error.terse().contains(says), "{to}: {}", error.terse());
+    }
+}
+
+/// Samples of a polynomial of two coordinates, and of a third that does not move the muscle.
+fn samples(count: usize, length: impl Fn(f64, f64) -> (f64, f64, f64)) -> PathSamples {
+    let mut next = pliant::random::units(3);
+    let mut samples = PathSamples {
+        force: "/forceset/m".to_owned(),
+        coordinates: vec![
+            "/jointset/a/x".to_owned(),
+            "/jointset/b/idle".to_owned(),
+            "/jointset/a/y".to_owned(),
+        ],
+        ..PathSamples::default()
+    };
+    for _ in 0..count {
+        let (x, y) = (2.0 * next() - 1.0, 2.0 * next() - 1.0);
+        let (l, dx, dy) = length(x, y);
+        samples.values.push(vec![x, next(), y]);
+        samples.lengths.push(l);
+        samples.arms.push(vec![-dx, 0.0, -dy]);
+    }
+    samples
+}
+
+#[test]
+fn a_path_has_the_least_order_that_meets_the_tolerance() {
+    let cubic = |x: f64, y: f64| {
+        let l = 0.3 + 0.02 * x - 0.01 * y + 0.03 * x * x * y;
+        (l, 0.02 + 0.06 * x * y, -0.01 + 0.03 * x * x)
+    };
+    let path = samples(60, cubic).fit(1e-4, 9).expect("a path");
+    assert_eq!(
+        (path.order, path.coordinates.len(), path.coefficients.len()),
+        (3, 2, 10)
+    );
+    let (length, arms) = path.at(&[0.4, -0.7]);
+    let (l, dx, dy) = cubic(0.4, -0.7);
+    assert!(
+        (length - l).abs() <= 1e-12
+            && (arms[0] + dx).abs() <= 1e-12
+            && (arms[1] + dy).abs() <= 1e-12
+    );
+    // A kink is met by no order, and says so.
+    let kink = |x: f64, _: f64| (0.3 + 0.02 * x.abs(), 0.02 * x.signum(), 0.0);
+    let worst = samples(200, kink).fit(1e-4, 9).expect("a path");
+    assert!(!worst.meets(1e-4) && worst.arm_error[0] > 1e-3);
+    assert!(
+        samples(4, cubic).fit(1e-4, 9).is_none(),
+        "fewer poses than coefficients"
+    );
+    assert!(
+        samples(60, |_, _| (0.3, 0.0, 0.0)).fit(1e-4, 9).is_none(),
+        "nothing moves it"
+    );
+}
+
+#[test]
+fn a_spliced_model_keeps_every_other_byte() {
+    let path = samples(40, |x, y| (0.3 + 0.01 * x * y, 0.01 * y, 0.01 * x))
+        .fit(1e-4, 9)
+        .expect("a path");
+    let before = "<?xml version=\"1.0\"?>\n<OpenSimDocument Version=\"40600\">\n\t<Model name=\"m\">\n\t\t<defaults><Thelen name=\"m\"><GeometryPath/></Thelen></defaults>\n\
+        \t\t<ForceSet name=\"forceset\"><objects>\n\t\t\t<Thelen name=\"m\">\n\t\t\t\t";
+    let after = "<!-- ü --><a b='c'/>\n\t\t\t</Thelen></objects></ForceSet>\n\t</Model>\n</OpenSimDocument>\n";
+    let old = "<GeometryPath name=\"path\"><PathPointSet/></GeometryPath>";
+    let spliced = paths::splice(
+        &format!("{before}{old}{after}"),
+        "m.osim",
+        std::slice::from_ref(&path),
+    )
+    .expect("spliced");
+    assert!(spliced.starts_with(before) && spliced.ends_with(after));
+    let new = &spliced[before.len()..spliced.len() - after.len()];
+    assert!(new.contains("<FunctionBasedPath name=\"path\">") && !new.contains("GeometryPath"));
+    // It can be read, and spliced again.
+    let again = paths::splice(&spliced, "m.osim", std::slice::from_ref(&path)).expect("spliced");
+    assert_eq!(again.matches("<FunctionBasedPath").count(), 1);
+    for (text, says) in [
+        (
+            format!("{before}{old}{after}")
+                .replace("name=\"m\">\n\t\t\t\t<G", "name=\"n\">\n\t\t\t\t<G"),
+            "no force",
+        ),
+        (format!("{before}{after}"), "has no path"),
+    ] {
+        let error = paths::splice(&text, "m.osim", std::slice::from_ref(&path)).expect_err(says);
+        assert!(error.to_string().contains(says), "{error}");
+    }
+    let twice = paths::splice(
+        &format!("{before}{old}{after}"),
+        "m.osim",
+        &[path.clone(), path],
+    );
+    assert!(twice.is_err());
+}
+
+#[test]
+fn motions_of_the_field_are_read() {
+    let (Some(degrees), Some(radians)) = (
+        shared("subject01_walk1_ik.mot"),
+        shared("walking_coordinates.sto"),
+    ) else {
+        return;
+    };
+    let Some(model) = shared("Rajagopal_2015.osim") else {
+        return;
+    };
+    let model = Model::read(&model).expect("a model");
+    let knee = model.coordinate("knee_angle_r").expect("a coordinate");
+    for (path, in_degrees, count) in [(degrees, true, 20), (radians, false, 31)] {
+        let table = MotionTable::read(&path).expect("a table");
+        assert_eq!(table.in_degrees, in_degrees);
+        let columns = table.coordinates(&model).expect("coordinates");
+        assert!(columns.len() >= count, "{}", columns.len());
+        let [from, to] = table.span();
+        let at =
+            |k: i32| table.values(&model, &columns, from + (to - from) * f64::from(k) / 50.0)[knee];
+        let bent: Vec<f64> = (0..=50).map(at).collect();
+        // A knee bends by about a radian in a step, and its patella follows.
+        let range = max_or_nan(
+            bent.iter()
+                .flat_map(|a| bent.iter().map(move |b| (a - b).abs())),
+        );
+        assert!((0.7..1.5).contains(&range), "{range}");
+        let values = table.values(&model, &columns, to);
+        let beta = model.coordinate("knee_angle_r_beta").expect("a coordinate");
+        assert_eq!(values[beta], values[knee]);
+    }
 }

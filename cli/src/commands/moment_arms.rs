@@ -39,7 +39,7 @@ Examples:
   pliant moment-arms examples/right-hip-muscles.toml --joint hip --compare literature_Blemker2005_envelopes.csv
   pliant moment-arms examples/right-hip-muscles.toml --joint hip --axis 0,0,1 --coordinate hip_adduction --to 20deg
   pliant moment-arms right-hip.toml --joint hip --opensim /jointset/hip_r/hip_flexion_r --forces 'gluteus maximus=glmax2_r'
-  pliant moment-arms hip --osim model.osim --coordinate hip_flexion_r=hip,hip_adduction_r=hip \
+  pliant moment-arms leg.toml --osim model.osim --coordinate hip_flexion_r=hip,hip_adduction_r=hip \
       --range hip_flexion_r=-10deg:60deg,hip_adduction_r=-20deg:20deg --forces 'gluteus maximus=glmax1_r+glmax2_r+glmax3_r' --splice
 
 A moment arm is -dL/dq, of a fibre's length L over the joint's angle q: positive where pulling turns the joint towards greater
@@ -330,7 +330,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     if arguments.forces.is_some() && arguments.opensim.is_none() {
         let hint = "give --osim MODEL or --opensim COORDINATE";
-        return Err(Failure::usage("--forces are those of a model of OpenSim", hint));
+        return Err(Failure::usage(
+            "--forces are those of a model of OpenSim",
+            hint,
+        ));
     }
     let begun = Instant::now();
     let sweep = sweep(arguments)?;
@@ -365,7 +368,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         names_of_forces(names, &running.muscles)?;
         if names.forces.iter().any(|(_, forces)| forces.len() > 1) {
             let hint = "give --osim and --coordinate for bundles";
-            return Err(Failure::usage("--forces: one force for each muscle of a sweep", hint));
+            return Err(Failure::usage(
+                "--forces: one force for each muscle of a sweep",
+                hint,
+            ));
         }
     }
     let folder = Folder::open(&out)?;

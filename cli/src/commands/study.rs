@@ -96,13 +96,18 @@ impl Arguments {
             let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
             let mut order: Vec<usize> = (0..study.all.len()).collect();
             order.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
-            return Ok(Some(order.into_iter().skip(index - 1).step_by(of).collect()));
+            return Ok(Some(
+                order.into_iter().skip(index - 1).step_by(of).collect(),
+            ));
         }
         if self.only.is_empty() {
             return Ok(None);
         }
         let find = |key: &String| {
-            let found = study.all.iter().position(|c| c.name() == *key || c.label == *key);
+            let found = study
+                .all
+                .iter()
+                .position(|c| c.name() == *key || c.label == *key);
             found.ok_or_else(|| {
                 let message = format!("--only: no run `{key}` in the study");
                 let hint = "`pliant study FILE --dry-run --json` lists the keys; a key changes with the scene, its files and the version \
@@ -110,7 +115,11 @@ impl Arguments {
                 Failure::usage(message, hint)
             })
         };
-        self.only.iter().map(find).collect::<Result<_, _>>().map(Some)
+        self.only
+            .iter()
+            .map(find)
+            .collect::<Result<_, _>>()
+            .map(Some)
     }
 }
 
@@ -126,9 +135,16 @@ fn part_of(
     let begun = Instant::now();
     let said = Said::new(study, selected, stop.clone());
     let kept = Kept::Shared(path);
-    execute(study, selected, kept, threads, &said, &|combination, outcome| {
-        said.done(combination, outcome);
-    })?;
+    execute(
+        study,
+        selected,
+        kept,
+        threads,
+        &said,
+        &|combination, outcome| {
+            said.done(combination, outcome);
+        },
+    )?;
     said.end();
     let left = missing(study, Some(path));
     let undone = part.iter().filter(|k| left.contains(k)).count();
@@ -159,7 +175,8 @@ fn part_of(
 /// Name of the machine, if the system tells.
 fn host() -> Option<String> {
     let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok();
-    name.map(|n| n.trim().to_owned()).or_else(|| std::env::var("HOSTNAME").ok())
+    name.map(|n| n.trim().to_owned())
+        .or_else(|| std::env::var("HOSTNAME").ok())
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
@@ -177,13 +194,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let name = study.name.strip_suffix("-study").unwrap_or(&study.name);
     let path = arguments.output.folder(name, "study");
     let mut pending = missing(&study, (!arguments.fresh).then_some(path.as_path()));
+    if arguments.shard.is_none() && arguments.only.is_empty() {
+        study.check(&file, &study.covering())?;
+    }
     if arguments.dry_run {
         let output = list(&study, &pending, threads);
         return Ok(arguments.output.printing.finish(output));
     }
     if let Some(part) = arguments.part(&study)? {
         let selected: Vec<usize> = pending.into_iter().filter(|k| part.contains(k)).collect();
-        return part_of(&study, &part, &selected, &path, (threads, stop), &arguments.output);
+        study.check(&file, &selected)?;
+        return part_of(
+            &study,
+            &part,
+            &selected,
+            &path,
+            (threads, stop),
+            &arguments.output,
+        );
     }
     let folder =
         Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
@@ -230,8 +258,9 @@ fn list(study: &Combinations, pending: &[usize], threads: usize) -> RunOutput<'s
         .map(|&k| expected[k])
         .fold(0.0, |a: f64, b| if b > a { b } else { a });
     let wall = longest.max(all / threads.clamp(1, pending.len().max(1)) as f64);
+    let left: std::collections::HashSet<usize> = pending.iter().copied().collect();
     let state = |k: usize| {
-        if pending.contains(&k) {
+        if left.contains(&k) {
             "to run"
         } else {
             "finished"

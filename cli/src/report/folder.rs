@@ -19,8 +19,8 @@ const HEADER: &str =
 /// Extensions of files that a run writes: no other file is ever removed, for any content of the
 /// list.
 const ENDINGS: &[&str] = &[
-    "vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "obj", "pliant", "xml", "sto",
-    "osim",
+    "vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "obj", "pliant", "xml",
+    "sto", "osim",
 ];
 
 /// Subfolders that a run creates.
@@ -306,7 +306,10 @@ impl Folder {
     pub fn claim(&self, relative: &str) -> Result<PathBuf, FolderError> {
         let path = self.root.join(relative);
         // The next run could not remove it, and would refuse the folder.
-        debug_assert!(is_own(Path::new(relative)), "{relative} has no known ending");
+        debug_assert!(
+            is_own(Path::new(relative)),
+            "{relative} has no known ending"
+        );
         // A thread that panicked with the lock left at worst a surplus name in the list.
         let mut claimed = self
             .claimed

@@ -16,8 +16,8 @@ use pliant::io::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
-use pliant::opensim::paths::MOST_ORDER;
 use pliant::moment_arms::{Arms, CrossingMuscle, MuscleStepper, SweepRun, extremes};
+use pliant::opensim::paths::MOST_ORDER;
 use pliant_render::{
     Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render,
 };
@@ -166,11 +166,7 @@ pub fn picture(running: &SweepRun) -> Frame {
         .iter()
         .flat_map(|m| m.fibres.iter().flatten().copied());
     let turned_by = [0, running.angles.len() - 1].map(|k| running.displacement(k));
-    let turned: Vec<Point3<f64>> = rest
-        .flat_map(|p| {
-            turned_by.map(|pose| pose * p)
-        })
-        .collect();
+    let turned: Vec<Point3<f64>> = rest.flat_map(|p| turned_by.map(|pose| pose * p)).collect();
     let bounds = pliant::mesh::measures::Aabb::of_points(&turned);
     let bounds = bounds.inflate(AROUND * bounds.extents().amax());
     let camera = Camera::fit(bounds.corners(), &view, Canvas::new(SIZE.0, SIZE.1));

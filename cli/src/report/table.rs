@@ -68,10 +68,13 @@ impl Table {
                     .unwrap_or(0)
             })
             .collect();
+        let numeric: Vec<bool> = (0..widths.len())
+            .map(|column| self.is_numeric(column))
+            .collect();
         let line = |row: &Vec<String>| {
             let cells = widths.iter().enumerate().map(|(column, width)| {
                 let text = cell(row, column);
-                if self.is_numeric(column) {
+                if numeric[column] {
                     format!("{text:>width$}")
                 } else {
                     format!("{text:<width$}")

@@ -1,6 +1,7 @@
 //! The scenes of a study: every combination of its values, and their reference runs.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -123,6 +124,9 @@ impl Combination {
     }
 }
 
+/// Greatest number of combinations of which each is created before any run.
+const ALL_CHECKED: usize = 200;
+
 /// Estimated time of `frames` frames of a plan [s].
 fn seconds(plan: &Plan, frames: usize) -> f64 {
     plan.run.iter().map(|p| p.ms_per_frame).sum::<f64>() * 1e-3 * frames as f64
@@ -153,8 +157,8 @@ pub struct Combinations {
 type Choice<'a> = Vec<Option<&'a StudyChange>>;
 
 impl Combinations {
-    /// Creates and checks all scenes of a study: each is parsed, its meshes are read, its muscles
-    /// are created once.
+    /// Creates all scenes of a study: each is parsed, and its meshes are read. [`Self::check`] does
+    /// the rest.
     ///
     /// # Errors
     /// The first combination that cannot run, at its value in the study file.
@@ -177,6 +181,7 @@ impl Combinations {
         };
         let mut all: Vec<Combination> = Vec::new();
         let mut notes = Vec::new();
+        let mut same: HashMap<String, usize> = HashMap::new();
         for (choice, scene) in choices.iter().zip(scenes) {
             let found = made.make(
                 Role::Combination,
@@ -195,11 +200,17 @@ impl Combinations {
                     .for_each(|(to, from)| *to = to.take().or_else(|| from.clone()));
                 continue;
             }
-            if let Some(same) = all.iter().find(|c| c.key == found.key) {
-                notes.push(format!(
-                    "`{}` is the same scene as `{}`",
-                    found.label, same.label
-                ));
+            match same.entry(found.key.clone()) {
+                Entry::Occupied(first) => {
+                    let first: &Combination = &all[*first.get()];
+                    notes.push(format!(
+                        "`{}` is the same scene as `{}`",
+                        found.label, first.label
+                    ));
+                }
+                Entry::Vacant(new) => {
+                    new.insert(all.len());
+                }
             }
             all.push(found);
         }
@@ -208,7 +219,6 @@ impl Combinations {
             let chosen = choices.iter().map(|c| given(c)).collect::<Vec<_>>();
             made.references(&mut all, &chosen)?;
         }
-        check_bodies(file, &all)?;
         check_measures(file, &all)?;
         let varied = file.vary.iter().map(|v| v.key.clone()).zip(short).collect();
         let scene = scene_name.unwrap_or_default();
@@ -223,6 +233,46 @@ impl Combinations {
             all,
             notes,
         })
+    }
+
+    /// Creates the muscles of some combinations once, so that errors of attachments and of factors
+    /// appear before any run.
+    ///
+    /// # Errors
+    /// The first combination that cannot run, at its value in the study file.
+    pub fn check(&self, file: &StudyFile, selected: &[usize]) -> Result<(), SceneError> {
+        selected.par_iter().try_for_each(|&k| {
+            let c = &self.all[k];
+            // A scene without muscles was prepared for its plan.
+            let Subject::Muscles { scene, assets } = &c.subject else {
+                return Ok(());
+            };
+            match muscles(scene, assets) {
+                Ok(_) => Ok(()),
+                Err(error) => {
+                    Err(file.refused(&c.changes.iter().collect::<Vec<_>>(), &error.terse()))
+                }
+            }
+        })
+    }
+
+    /// Combinations that have each value of each varied key at least once: all of a small study, and
+    /// of a large one those that differ from the first in one value, and the references of these.
+    pub fn covering(&self) -> Vec<usize> {
+        let all = 0..self.all.len();
+        if self.all.len() <= ALL_CHECKED {
+            return all.collect();
+        }
+        let first = &self.all[0].values;
+        let differs = |c: &Combination| c.values.iter().zip(first).filter(|(a, b)| a != b).count();
+        let rows =
+            all.filter(|&k| self.all[k].role == Role::Combination && differs(&self.all[k]) <= 1);
+        let rows: Vec<usize> = rows.collect();
+        let references = rows.iter().filter_map(|&k| self.all[k].reference);
+        let mut both: Vec<usize> = rows.iter().copied().chain(references).collect();
+        both.sort_unstable();
+        both.dedup();
+        both
     }
 
     /// The rows of the study, without references.
@@ -473,21 +523,6 @@ fn shape_of(scene: &Scene) -> Scene {
         muscle.material = Material::default();
     }
     shape
-}
-
-/// Creates the muscles of each scene once, so that attachment and factorisation errors appear
-/// before any run.
-fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
-    all.par_iter().try_for_each(|c| {
-        // A scene without muscles was prepared for its plan.
-        let Subject::Muscles { scene, assets } = &c.subject else {
-            return Ok(());
-        };
-        match muscles(scene, assets) {
-            Ok(_) => Ok(()),
-            Err(error) => Err(file.refused(&c.changes.iter().collect::<Vec<_>>(), &error.terse())),
-        }
-    })
 }
 
 /// Rejects a measure that the scene does not have.

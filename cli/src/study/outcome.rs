@@ -32,6 +32,20 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// The result of a run that cannot begin.
+    pub fn stopped_by(why: String) -> Self {
+        Self {
+            frames: 0,
+            not_converged: 0,
+            stopped: Some(why),
+            diverged: false,
+            numbers: Vec::new(),
+            positions: Vec::new(),
+            bounds: None,
+            stretch: 0.0,
+        }
+    }
+
     /// A number by its name; NaN if it does not exist.
     pub fn number(&self, name: &str) -> f64 {
         self.numbers

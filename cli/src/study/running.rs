@@ -155,7 +155,10 @@ fn simulate(
 ) -> Option<Outcome> {
     match &combination.subject {
         Subject::Muscles { scene, assets } => of_muscles(scene, assets, frames, progress),
-        other => of_others(other.scenario().ok()?.as_mut(), frames, progress),
+        other => match other.scenario() {
+            Ok(mut scenario) => of_others(scenario.as_mut(), frames, progress),
+            Err(error) => Some(Outcome::stopped_by(error.terse())),
+        },
     }
 }
 
@@ -165,8 +168,11 @@ fn of_muscles(
     frames: &[usize],
     progress: &dyn Progress,
 ) -> Option<Outcome> {
-    // The simulation was created once before, and files are not read again, so this cannot fail.
-    let mut simulation = muscles(scene, assets).ok()?;
+    let mut simulation = match muscles(scene, assets) {
+        Ok(simulation) => simulation,
+        // Of a large study, not each combination was created before.
+        Err(error) => return Some(Outcome::stopped_by(error.terse())),
+    };
     let mut looks = Looks::new(frames, simulation.description());
     let mut recorded = Recorded::default();
     let ended = run(&mut simulation, &mut [&mut recorded, &mut looks], progress);

@@ -107,12 +107,18 @@ impl Course {
             let farthest = (0..pose.len())
                 .filter(|k| drive.model.coordinates[*k].is_angle)
                 .map(|k| (pose[k] - before[k]).abs());
-            let parts = (max_or_nan(farthest.chain([0.0])) / LARGEST_STEP).ceil().max(1.0);
+            let parts = (max_or_nan(farthest.chain([0.0])) / LARGEST_STEP)
+                .ceil()
+                .max(1.0);
             for part in 1..=parts as usize {
                 let share = part as f64 / parts;
                 let mix = before.iter().zip(pose).map(|(a, b)| a + (b - a) * share);
                 // The last part is the pose itself.
-                let mixed = if part == parts as usize { pose.clone() } else { mix.collect() };
+                let mixed = if part == parts as usize {
+                    pose.clone()
+                } else {
+                    mix.collect()
+                };
                 frames.push(drive.displacements(&mixed));
             }
             values.push(frames.len() - 1);
@@ -127,7 +133,10 @@ impl Course {
 
     /// The first joint at its greatest turn, for pictures.
     pub(super) fn shown(&self, centre: nalgebra::Point3<f64>) -> Joint {
-        let turns = self.frames.iter().filter_map(|frame| frame.first()?.rotation.axis_angle());
+        let turns = self
+            .frames
+            .iter()
+            .filter_map(|frame| frame.first()?.rotation.axis_angle());
         let greatest = turns.max_by(|a, b| a.1.total_cmp(&b.1));
         Joint {
             name: None,
@@ -152,7 +161,11 @@ impl Course {
                 pose: self.pose(b, frame),
             };
             bone.motion = Motion {
-                keys: if moves { (0..self.frames.len()).map(key).collect() } else { Vec::new() },
+                keys: if moves {
+                    (0..self.frames.len()).map(key).collect()
+                } else {
+                    Vec::new()
+                },
                 joint: bone.motion.joint.take(),
                 linear: true,
             };

@@ -34,7 +34,12 @@ pub(super) struct OverPoses {
     pub(super) osim: Option<PathBuf>,
     /// Ranges of coordinates, as NAME=FROM:TO,... such as hip_flexion_r=-10deg:60deg [default: the
     /// range in the model]
-    #[arg(long, value_name = "LIST", requires = "osim", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "LIST",
+        requires = "osim",
+        allow_hyphen_values = true
+    )]
     range: Option<String>,
     /// Number of poses, in a Latin hypercube over the ranges
     #[arg(long, value_name = "N", requires = "osim", default_value = "100", value_parser = clap::value_parser!(u32).range(8..=1500))]
@@ -71,10 +76,15 @@ fn coordinates(text: &str, model: &Model) -> Result<Vec<Named>, Failure> {
             Some((name, joint)) => (name.trim(), Some(joint.trim().to_owned())),
             None => (part, None),
         };
-        let coordinate = model.coordinate(name).map_err(|e| refused(&e, "--coordinate"))?;
+        let coordinate = model
+            .coordinate(name)
+            .map_err(|e| refused(&e, "--coordinate"))?;
         if model.is_coupled(coordinate) {
             let message = format!("--coordinate: `{name}` is a function of another coordinate");
-            return Err(Failure::usage(message, "name the coordinate that it depends on"));
+            return Err(Failure::usage(
+                message,
+                "name the coordinate that it depends on",
+            ));
         }
         if all.iter().any(|n| n.coordinate == coordinate) {
             let message = format!("--coordinate: `{name}` is given twice");
@@ -84,7 +94,10 @@ fn coordinates(text: &str, model: &Model) -> Result<Vec<Named>, Failure> {
     }
     if all.len() > 6 {
         let hint = "paths of OpenSim have at most six; run twice for muscles of different joints";
-        return Err(Failure::usage("--coordinate: more than six coordinates", hint));
+        return Err(Failure::usage(
+            "--coordinate: more than six coordinates",
+            hint,
+        ));
     }
     Ok(all)
 }
@@ -105,9 +118,14 @@ fn ranges(
         let Some((name, (from, to))) = pair else {
             return Err(fail(format!("`{}` is no range", part.trim())));
         };
-        let index = model.coordinate(name.trim()).map_err(|e| refused(&e, "--range"))?;
+        let index = model
+            .coordinate(name.trim())
+            .map_err(|e| refused(&e, "--range"))?;
         let Some(range) = ranges.iter_mut().find(|(c, _)| *c == index) else {
-            return Err(fail(format!("`{}` is not among the coordinates", name.trim())));
+            return Err(fail(format!(
+                "`{}` is not among the coordinates",
+                name.trim()
+            )));
         };
         let dimension = match model.coordinates[index].is_angle {
             true => Dimension::Angle,
@@ -132,29 +150,43 @@ fn ranges(
 }
 
 /// The scene with a model that moves its bones: its own, or one about its joints.
-fn driven(mut scene: Scene, model: Model, named: &[Named]) -> Result<(Scene, Arc<ModelDrive>), Failure> {
+fn driven(
+    mut scene: Scene,
+    model: Model,
+    named: &[Named],
+) -> Result<(Scene, Arc<ModelDrive>), Failure> {
     let with: Vec<&Named> = named.iter().filter(|n| n.joint.is_some()).collect();
     if let (Some(drive), true) = (&scene.opensim, with.is_empty()) {
         if drive.model != model {
             let message = "--osim: the model is not the one that moves the bones of the scene";
-            let hint = "give the model of [opensim], or name joints of the scene: --coordinate NAME=JOINT";
+            let hint =
+                "give the model of [opensim], or name joints of the scene: --coordinate NAME=JOINT";
             return Err(Failure::usage(message, hint));
         }
         let drive = drive.clone();
         return Ok((scene, drive));
     }
     if with.len() < named.len() {
-        let message = "no model moves the bones of the scene, so that a coordinate needs a joint of it";
+        let message =
+            "no model moves the bones of the scene, so that a coordinate needs a joint of it";
         let hint = "write --coordinate NAME=JOINT, or add a section [opensim] to the scene";
         return Err(Failure::usage(message, hint));
     }
     let joint = |n: &Named| {
         let name = n.joint.as_deref().unwrap_or_default();
         let found = pliant::moment_arms::joint_of(&scene, name)?;
-        Ok((n.coordinate, (found.0.centre, found.0.axis.into_inner()), found.1))
+        Ok((
+            n.coordinate,
+            (found.0.centre, found.0.axis.into_inner()),
+            found.1,
+        ))
     };
-    let joints = named.iter().map(joint).collect::<Result<Vec<_>, pliant::moment_arms::SweepError>>()?;
-    let drive = ModelDrive::about_joints(model, &joints, scene.up).map_err(|e| refused(&e, "--coordinate"))?;
+    let joints = named
+        .iter()
+        .map(joint)
+        .collect::<Result<Vec<_>, pliant::moment_arms::SweepError>>()?;
+    let drive = ModelDrive::about_joints(model, &joints, scene.up)
+        .map_err(|e| refused(&e, "--coordinate"))?;
     let drive = Arc::new(drive);
     scene.opensim = Some(drive.clone());
     Ok((scene, drive))
@@ -175,10 +207,15 @@ fn bundled(
             if left.is_empty() {
                 break;
             }
-            let own = drive.model.muscles.iter().find(|muscle| muscle.path == force);
+            let own = drive
+                .model
+                .muscles
+                .iter()
+                .find(|muscle| muscle.path == force);
             let origin = own.and_then(|muscle| drive.origin(muscle));
             let middle = |bundle: &Vec<usize>| {
-                let sum: nalgebra::Vector3<f64> = bundle.iter().map(|f| m.fibres[*f][0].coords).sum();
+                let sum: nalgebra::Vector3<f64> =
+                    bundle.iter().map(|f| m.fibres[*f][0].coords).sum();
                 Point3::from(sum / bundle.len() as f64)
             };
             let nearest = origin.and_then(|at| {
@@ -199,16 +236,23 @@ pub(super) fn run(arguments: &Arguments, osim: &std::path::Path) -> Result<u8, F
     let model = Model::read(osim).map_err(|e| Failure::usage(e.to_string(), e.help))?;
     let named = coordinates(arguments.coordinate.as_deref().unwrap_or_default(), &model)?;
     let ranges = ranges(options, &model, &named)?;
-    let Content::Muscles(scene) = environment::load_content(&arguments.scene, &arguments.set)? else {
+    let Content::Muscles(scene) = environment::load_content(&arguments.scene, &arguments.set)?
+    else {
         let hint = "name a scene of muscles and bones; `pliant scenes` lists the built-in ones";
-        return Err(Failure::usage("moment arms are those of muscles, and this scene has none", hint));
+        return Err(Failure::usage(
+            "moment arms are those of muscles, and this scene has none",
+            hint,
+        ));
     };
     let (scene, drive) = driven(*scene, model, &named)?;
     let moved = drive.coordinates();
     if let Some(idle) = named.iter().find(|n| !moved.contains(&n.coordinate)) {
         let name = &drive.model.coordinates[idle.coordinate].name;
         let message = format!("--coordinate: `{name}` moves no bone of the scene against another");
-        return Err(Failure::usage(message, "name a coordinate of a joint between its bones"));
+        return Err(Failure::usage(
+            message,
+            "name a coordinate of a joint between its bones",
+        ));
     }
     let most = PoseSet::most(ranges.len());
     let count = match options.grid {
@@ -235,7 +279,10 @@ pub(super) fn run(arguments: &Arguments, osim: &std::path::Path) -> Result<u8, F
     let mut running = SweepRun::through(scene, &set.poses, fibres)?;
     let names = OpenSimNames {
         coordinate: String::new(),
-        forces: arguments.forces.clone().map_or(Vec::new(), |forces| forces.0),
+        forces: arguments
+            .forces
+            .clone()
+            .map_or(Vec::new(), |forces| forces.0),
     };
     names_of_forces(&names, &running.muscles)?;
     let folder = Folder::open(&out)?;
@@ -261,7 +308,9 @@ pub(super) fn run(arguments: &Arguments, osim: &std::path::Path) -> Result<u8, F
     let splice = match options.splice {
         true => {
             let text = std::fs::read_to_string(osim);
-            let text = text.map_err(|e| Failure::usage(format!("{}: {e}", osim.display()), "check the path"))?;
+            let text = text.map_err(|e| {
+                Failure::usage(format!("{}: {e}", osim.display()), "check the path")
+            })?;
             Some((osim.display().to_string(), text))
         }
         false => None,
@@ -291,10 +340,14 @@ impl Observer<SweepRun> for OfSamples<'_> {
     fn frame(&mut self, running: &SweepRun, _: Duration) -> ControlFlow<()> {
         let reached = running.done();
         // The first pose of a sample is the sample itself.
-        if reached == 0 || (reached - 1) % self.each != 0 || (reached - 1) / self.each < self.written.done {
+        if reached == 0
+            || (reached - 1) % self.each != 0
+            || (reached - 1) / self.each < self.written.done
+        {
             return ControlFlow::Continue(());
         }
         let k = (reached - 1) / self.each;
-        self.written.write(running, (k, k as f64), format!("sample {k}"))
+        self.written
+            .write(running, (k, k as f64), format!("sample {k}"))
     }
 }

@@ -157,10 +157,15 @@ pub fn files<'a>(
     let file = file_name(name);
     let samples: Vec<PathSamples> = samples.into_iter().map(|(_, samples)| samples).collect();
     let fitted: Vec<FittedPath> = paths.into_iter().map(|fitted| fitted.path).collect();
-    let coordinates = samples.first().map_or(Vec::new(), |s| s.coordinates.clone());
+    let coordinates = samples
+        .first()
+        .map_or(Vec::new(), |s| s.coordinates.clone());
     let count = samples.iter().map(|s| s.values.len()).min().unwrap_or(0);
     let short = |path: &String| path.rsplit('/').next().unwrap_or_default().to_owned();
-    let lengths: Vec<String> = samples.iter().map(|s| format!("{}_length", s.force)).collect();
+    let lengths: Vec<String> = samples
+        .iter()
+        .map(|s| format!("{}_length", s.force))
+        .collect();
     let arms = samples.iter().flat_map(|s| {
         let of = |c: &String| format!("{}_moment_arm_{}", s.force, short(c));
         s.coordinates.iter().map(of).collect::<Vec<_>>()
@@ -168,19 +173,26 @@ pub fn files<'a>(
     let arms: Vec<String> = arms.collect();
     let values: Vec<String> = coordinates.iter().map(|c| format!("{c}/value")).collect();
     let samples = std::rc::Rc::new(samples);
-    let table = |what: &'static str, columns: Vec<String>, row: fn(&[PathSamples], usize) -> Vec<f64>| {
-        let samples = samples.clone();
-        OutputFile::new(format!("{file}_{what}.sto"), move |path| {
-            write_table(path, what, &columns, (0..count).map(|k| row(&samples, k)))
-        })
-    };
+    let table =
+        |what: &'static str, columns: Vec<String>, row: fn(&[PathSamples], usize) -> Vec<f64>| {
+            let samples = samples.clone();
+            OutputFile::new(format!("{file}_{what}.sto"), move |path| {
+                write_table(path, what, &columns, (0..count).map(|k| row(&samples, k)))
+            })
+        };
     let mut files = vec![
         OutputFile::new(format!("{file}_FunctionBasedPathSet.xml"), move |path| {
             write_set(path, &fitted)
         }),
-        table("path_lengths", lengths, |all, k| all.iter().map(|s| s.lengths[k]).collect()),
-        table("moment_arms", arms, |all, k| all.iter().flat_map(|s| s.arms[k].clone()).collect()),
-        table("coordinate_values", values, |all, k| all[0].values[k].clone()),
+        table("path_lengths", lengths, |all, k| {
+            all.iter().map(|s| s.lengths[k]).collect()
+        }),
+        table("moment_arms", arms, |all, k| {
+            all.iter().flat_map(|s| s.arms[k].clone()).collect()
+        }),
+        table("coordinate_values", values, |all, k| {
+            all[0].values[k].clone()
+        }),
     ];
     if let Some(text) = spliced {
         files.push(OutputFile::new(format!("{file}_model.osim"), move |path| {

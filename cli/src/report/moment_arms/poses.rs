@@ -52,7 +52,11 @@ impl Posed {
     }
 
     fn unit(&self, k: usize) -> &'static str {
-        if self.coordinate(k).is_angle { "deg" } else { "mm" }
+        if self.coordinate(k).is_angle {
+            "deg"
+        } else {
+            "mm"
+        }
     }
 }
 
@@ -78,7 +82,9 @@ pub fn output_of_poses<'a>(
     let spliced = posed.splice.as_ref().and_then(|(file, text)| {
         let fitted: Vec<_> = paths.iter().map(|f| f.path.clone()).collect();
         let spliced = pliant::opensim::paths::splice(text, file, &fitted);
-        spliced.map_err(|error| findings.push(error.to_string())).ok()
+        spliced
+            .map_err(|error| findings.push(error.to_string()))
+            .ok()
     });
     let tables = vec![arms_table(posed, &samples), opensim::table(&paths)];
     let plots = samples
@@ -118,7 +124,9 @@ pub fn output_of_poses<'a>(
         "opensim": opensim::to_json(&paths),
     });
     let data = vec![bundle_rows(posed, &samples), fibre_rows(posed, running)];
-    let mut files = vec![OutputFile::new("fibres.pvd", move |path| series.write(path))];
+    let mut files = vec![OutputFile::new("fibres.pvd", move |path| {
+        series.write(path)
+    })];
     files.extend(opensim::files(&posed.scene, paths, samples, spliced));
     Ok(RunOutput {
         kind: "moment_arms_over_poses",
@@ -172,8 +180,13 @@ fn verdicts(running: &SweepRun) -> Vec<Verdict> {
 fn arms_table(posed: &Posed, samples: &[(String, PathSamples)]) -> Table {
     let arm = |k: usize| format!("about {} [mm]", posed.coordinate(k).name);
     let columns = ["muscle", "force", "length [mm]"].map(str::to_owned);
-    let columns = columns.into_iter().chain((0..posed.set.coordinates.len()).map(arm));
-    let mut table = Table::new("Lengths and moment arms over all samples, least to greatest", columns);
+    let columns = columns
+        .into_iter()
+        .chain((0..posed.set.coordinates.len()).map(arm));
+    let mut table = Table::new(
+        "Lengths and moment arms over all samples, least to greatest",
+        columns,
+    );
     let range = |all: &mut dyn Iterator<Item = f64>| {
         extremes(all).map_or("-".to_owned(), |[low, high]| {
             format!("{} to {}", number(1e3 * low), number(1e3 * high))
@@ -181,7 +194,11 @@ fn arms_table(posed: &Posed, samples: &[(String, PathSamples)]) -> Table {
     };
     for (muscle, s) in samples {
         let arms = (0..s.coordinates.len()).map(|k| range(&mut s.arms.iter().map(|a| a[k])));
-        let first = [muscle.clone(), s.force.clone(), range(&mut s.lengths.iter().copied())];
+        let first = [
+            muscle.clone(),
+            s.force.clone(),
+            range(&mut s.lengths.iter().copied()),
+        ];
         table.row(first.into_iter().chain(arms).collect::<Vec<_>>());
     }
     table
@@ -189,14 +206,26 @@ fn arms_table(posed: &Posed, samples: &[(String, PathSamples)]) -> Table {
 
 /// The fitted moment arm of a bundle over each coordinate.
 fn plots(posed: &Posed, muscle: &str, samples: &PathSamples, paths: &[Fitted]) -> Vec<Plot> {
-    let Some(path) = paths.iter().map(|f| &f.path).find(|p| p.force == samples.force) else {
+    let Some(path) = paths
+        .iter()
+        .map(|f| &f.path)
+        .find(|p| p.force == samples.force)
+    else {
         return Vec::new();
     };
     let short = samples.force.rsplit('/').next().unwrap_or_default();
-    let middle: Vec<f64> = path.ranges.iter().map(|[low, high]| 0.5 * (low + high)).collect();
+    let middle: Vec<f64> = path
+        .ranges
+        .iter()
+        .map(|[low, high]| 0.5 * (low + high))
+        .collect();
     let mut plots = Vec::new();
     for (c, coordinate) in path.coordinates.iter().enumerate() {
-        let Some(k) = samples.coordinates.iter().position(|other| other == coordinate) else {
+        let Some(k) = samples
+            .coordinates
+            .iter()
+            .position(|other| other == coordinate)
+        else {
             continue;
         };
         let [low, high] = path.ranges[c];
@@ -209,7 +238,8 @@ fn plots(posed: &Posed, muscle: &str, samples: &PathSamples, paths: &[Fitted]) -
         let title = format!("{muscle}, {short}: moment arm [mm]");
         plots.push(Plot {
             file: Some(format!("{}_{name}.svg", file_name(short))),
-            plot: LinePlot::new(title, format!("{name} [{}]", posed.unit(k))).with("polynomial", points),
+            plot: LinePlot::new(title, format!("{name} [{}]", posed.unit(k)))
+                .with("polynomial", points),
         });
     }
     plots
@@ -257,4 +287,3 @@ fn fibre_rows<'a>(posed: &'a Posed, running: &'a SweepRun) -> DataFile<'a> {
     let columns = columns(posed, &["muscle", "fibre", "sample"], "length_m");
     DataFile::new("fibres.csv", columns, rows)
 }
-
