@@ -17,6 +17,7 @@ pub(crate) mod sweep;
 
 pub use arms::Arms;
 pub use curve::{extremes, moment_arms};
+pub use names::means;
 pub use poses::{PoseSet, bundles};
 pub use reference::{ReferenceError, Table};
 pub use sweep::{CrossingMuscle, MuscleStepper, Sweep, SweepError, SweepRun, joint_of};

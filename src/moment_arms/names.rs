@@ -48,7 +48,7 @@ const KNOWN: &[(&[&str], &[&str])] = &[
 /// mean `gluteus maximus`.
 ///
 /// ```
-/// use pliant::testing::internals::moment_arms::means;
+/// use pliant::moment_arms::means;
 /// assert!(means("glut_max2_r", "gluteus maximus") && means("r_psoas", "psoas major"));
 /// assert!(!means("glut_med1_r", "gluteus maximus"));
 /// ```

@@ -184,39 +184,45 @@ impl PoseSet {
 /// Greatest number of rounds of [`bundles`].
 const ROUNDS: usize = 100;
 
+/// The nearest of some centres.
+fn nearest(centres: &[Point3<f64>], p: &Point3<f64>) -> usize {
+    let distances = centres.iter().map(|c| (c - p).norm_squared());
+    let best = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+    best.map_or(0, |(k, _)| k)
+}
+
+/// The mean of some points.
+fn middle<'a>(points: impl Iterator<Item = &'a Point3<f64>> + Clone) -> Point3<f64> {
+    let sum: Vector3<f64> = points.clone().map(|p| p.coords).sum();
+    Point3::from(sum / points.count().max(1) as f64)
+}
+
+/// Centres of `count` clusters: the point farthest from the middle, then each time the point farthest
+/// from all centres.
+fn spread(points: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
+    let mut centres = Vec::new();
+    let mut others = vec![middle(points.iter())];
+    for _ in 0..count {
+        let from = |p: &Point3<f64>| (others[nearest(&others, p)] - p).norm_squared();
+        let farthest = points.iter().max_by(|a, b| from(a).total_cmp(&from(b)));
+        centres.extend(farthest.copied());
+        others.clone_from(&centres);
+    }
+    centres
+}
+
 /// Fibres in `count` bundles by their origins, by k-means; each bundle has at least one fibre. The
 /// bundles are in order along the longest line between two of them, which begins at its end towards
 /// `first`.
 pub fn bundles(fibres: &[Vec<Point3<f64>>], count: usize, first: &Vector3<f64>) -> Vec<Vec<usize>> {
     let origins: Vec<Point3<f64>> = fibres.iter().map(|f| f[0]).collect();
-    let count = count.clamp(1, origins.len().max(1));
-    let nearest = |centres: &[Point3<f64>], p: &Point3<f64>| {
-        let distances = centres.iter().map(|c| (c - p).norm_squared());
-        let best = distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
-        best.map_or(0, |(k, _)| k)
-    };
-    let middle =
-        origins.iter().map(|p| p.coords).sum::<Vector3<f64>>() / origins.len().max(1) as f64;
-    // The first centre is the origin farthest from the middle, each other one the origin farthest
-    // from all centres.
-    let mut centres: Vec<Point3<f64>> = Vec::new();
-    for _ in 0..count {
-        let from = |p: &Point3<f64>| match centres.is_empty() {
-            true => (p.coords - middle).norm_squared(),
-            false => (centres[nearest(&centres, p)] - p).norm_squared(),
-        };
-        let farthest = origins.iter().max_by(|a, b| from(a).total_cmp(&from(b)));
-        centres.extend(farthest.copied());
-    }
+    let mut centres = spread(&origins, count.clamp(1, origins.len().max(1)));
     let mut of: Vec<usize> = origins.iter().map(|p| nearest(&centres, p)).collect();
     for _ in 0..ROUNDS {
         for (k, centre) in centres.iter_mut().enumerate() {
-            let own = origins.iter().zip(&of).filter(|(_, b)| **b == k);
-            let (sum, n) = own.fold((Vector3::zeros(), 0usize), |(s, n), (p, _)| {
-                (s + p.coords, n + 1)
-            });
-            if n > 0 {
-                *centre = Point3::from(sum / n as f64);
+            if of.contains(&k) {
+                let own = origins.iter().zip(&of).filter(|(_, b)| **b == k);
+                *centre = middle(own.map(|(p, _)| p));
             }
         }
         let next: Vec<usize> = origins.iter().map(|p| nearest(&centres, p)).collect();
@@ -235,12 +241,9 @@ pub fn bundles(fibres: &[Vec<Point3<f64>>], count: usize, first: &Vector3<f64>) 
     } else {
         along
     };
+    let place = |k: &usize| along.dot(&centres[*k].coords);
     let mut order: Vec<usize> = (0..centres.len()).collect();
-    order.sort_by(|a, b| {
-        along
-            .dot(&centres[*a].coords)
-            .total_cmp(&along.dot(&centres[*b].coords))
-    });
+    order.sort_by(|a, b| place(a).total_cmp(&place(b)));
     let bundle = |k: &usize| (0..of.len()).filter(|f| of[*f] == *k).collect::<Vec<_>>();
     order.iter().map(bundle).filter(|b| !b.is_empty()).collect()
 }

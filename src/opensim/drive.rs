@@ -13,7 +13,7 @@ const LEAST_ACROSS: f64 = 0.1;
 
 /// A bone of a scene: the index of its body, and the place of the joint between this body and its
 /// parent in the scene [m], if it is known.
-pub type DrivenBone = (usize, Option<Point3<f64>>);
+pub(crate) type DrivenBone = (usize, Option<Point3<f64>>);
 
 /// A model that moves the bones of a scene.
 ///
@@ -45,6 +45,8 @@ struct Link {
     into: Isometry3<f64>,
     /// Pose of the parent at rest, and inverse of that of the child.
     around: [Isometry3<f64>; 2],
+    /// Pose of the child on the parent at rest.
+    across: Isometry3<f64>,
 }
 
 impl ModelDrive {
@@ -98,6 +100,7 @@ impl ModelDrive {
                     .position(|l| model.joints[l.joint].child == joint.parent),
                 into: from.inverse(),
                 around: [poses[joint.parent], poses[joint.child].inverse()],
+                across: joint.across(&rest),
             });
         }
         if links.is_empty() {
@@ -227,8 +230,11 @@ impl ModelDrive {
     pub fn displacements(&self, values: &[f64]) -> Vec<Isometry3<f64>> {
         let of = |link: &Link| {
             let across = self.model.joints[link.joint].across(values);
+            if across == link.across {
+                return Isometry3::identity();
+            }
             let moved = link.around[0] * across * link.around[1];
-            link.into.inverse() * moved * link.into
+            unit(link.into.inverse() * moved * link.into)
         };
         self.links.iter().map(of).collect()
     }
@@ -238,7 +244,7 @@ impl ModelDrive {
         let mut whole = self.displacements(values);
         for k in 0..whole.len() {
             if let Some(parent) = self.links[k].parent {
-                whole[k] = whole[parent] * whole[k];
+                whole[k] = unit(whole[parent] * whole[k]);
             }
         }
         let pose = |body: &Option<usize>| {
@@ -261,6 +267,12 @@ impl ModelDrive {
             .filter(|c| !self.model.is_coupled(*c))
             .collect()
     }
+}
+
+/// The same pose with a rotation of length 1: products of many lose it.
+fn unit(pose: Isometry3<f64>) -> Isometry3<f64> {
+    let rotation = UnitQuaternion::new_normalize(pose.rotation.into_inner());
+    Isometry3::from_parts(pose.translation, rotation)
 }
 
 impl Encode for ModelDrive {

@@ -36,32 +36,24 @@ impl Function {
             let message = format!("functions are nested deeper than {DEEPEST}");
             return Err(element.error(MALFORMED, message));
         }
-        let numbers = |tag: &str| element.need(tag)?.numbers();
-        let one = |tag: &str| -> Result<f64, ModelError> {
-            let [value] = element.need(tag)?.exactly()?;
-            Ok(value)
-        };
-        let some = |tag: &str| {
-            let all = numbers(tag)?;
-            match all.is_empty() {
-                true => Err(element.error(MALFORMED, format!("<{tag}> has no numbers"))),
-                false => Ok(all),
-            }
-        };
         Ok(match element.tag() {
-            "Constant" => Self::Constant(one("value")?),
-            "LinearFunction" => Self::Linear(some("coefficients")?),
-            "PolynomialFunction" => Self::Polynomial(some("coefficients")?),
+            "Constant" => Self::Constant(one(element, "value")?),
+            "LinearFunction" => Self::Linear(some(element, "coefficients")?),
+            "PolynomialFunction" => Self::Polynomial(some(element, "coefficients")?),
             "SimmSpline" | "NaturalCubicSpline" => Self::Spline(Spline::new(&points(element)?)),
             "PiecewiseLinearFunction" => Self::PiecewiseLinear(points(element)?),
             "Sine" => {
-                let or = |tag, value| element.numbers_or(tag, [value]).map(|[v]| v);
-                Self::Sine([
-                    or("amplitude", 1.0)?,
-                    or("omega", 1.0)?,
-                    or("phase", 0.0)?,
-                    or("offset", 0.0)?,
-                ])
+                let keys = [
+                    ("amplitude", 1.0),
+                    ("omega", 1.0),
+                    ("phase", 0.0),
+                    ("offset", 0.0),
+                ];
+                let mut all = [0.0; 4];
+                for (value, (tag, default)) in all.iter_mut().zip(keys) {
+                    [*value] = element.numbers_or(tag, [default])?;
+                }
+                Self::Sine(all)
             }
             "MultiplierFunction" => {
                 let inner = Self::inside(element.need("function")?, depth)?;
@@ -69,16 +61,8 @@ impl Function {
                 Self::Multiplier(scale, Box::new(inner))
             }
             "MultivariatePolynomialFunction" => {
-                let whole = |tag: &str| -> Result<usize, ModelError> {
-                    let value = one(tag)?;
-                    let fits = value.fract() == 0.0 && (0.0..=20.0).contains(&value);
-                    match fits {
-                        true => Ok(value as usize),
-                        false => Err(element.error(MALFORMED, format!("<{tag}> is not 0 to 20"))),
-                    }
-                };
-                let (dimension, order) = (whole("dimension")?, whole("order")?);
-                let all = numbers("coefficients")?;
+                let (dimension, order) = (whole(element, "dimension")?, whole(element, "order")?);
+                let all = element.need("coefficients")?.numbers()?;
                 if dimension > 6 || order > 9 {
                     let message = format!(
                         "a polynomial of {dimension} arguments and order {order} is not read"
@@ -94,7 +78,9 @@ impl Function {
             }
             "function" | "coupled_coordinates_function" => return Self::inside(element, depth),
             tag => {
-                return Err(element.error(UNKNOWN_KIND, format!("the function <{tag}> is not read")));
+                return Err(
+                    element.error(UNKNOWN_KIND, format!("the function <{tag}> is not read"))
+                );
             }
         })
     }
@@ -146,6 +132,30 @@ impl Function {
     }
 }
 
+/// The number in a child.
+fn one(element: Element<'_>, tag: &str) -> Result<f64, ModelError> {
+    let [value] = element.need(tag)?.exactly()?;
+    Ok(value)
+}
+
+/// The numbers in a child, at least one.
+fn some(element: Element<'_>, tag: &str) -> Result<Vec<f64>, ModelError> {
+    let all = element.need(tag)?.numbers()?;
+    match all.is_empty() {
+        true => Err(element.error(MALFORMED, format!("<{tag}> has no numbers"))),
+        false => Ok(all),
+    }
+}
+
+/// The small whole number in a child.
+fn whole(element: Element<'_>, tag: &str) -> Result<usize, ModelError> {
+    let value = one(element, tag)?;
+    match value.fract() == 0.0 && (0.0..=20.0).contains(&value) {
+        true => Ok(value as usize),
+        false => Err(element.error(MALFORMED, format!("<{tag}> is not 0 to 20"))),
+    }
+}
+
 /// The points of `<x>` and `<y>`, ascending in x.
 fn points(element: Element<'_>) -> Result<Vec<[f64; 2]>, ModelError> {
     let [x, y] = ["x", "y"].map(|tag| element.need(tag).and_then(Element::numbers));
@@ -186,9 +196,8 @@ pub(super) struct Spline {
 impl Spline {
     fn new(points: &[[f64; 2]]) -> Self {
         let n = points.len();
-        let x = |k: usize| points[k][0];
         let y = |k: usize| points[k][1];
-        let width = |from: usize, to: usize| f64::max(CLOSEST, x(to) - x(from));
+        let width = |from: usize, to: usize| f64::max(CLOSEST, points[to][0] - points[from][0]);
         let mut powers = vec![[0.0; 3]; n];
         if n == 2 {
             let slope = (y(1) - y(0)) / width(0, 1);

@@ -20,6 +20,7 @@ mod motion;
 pub mod paths;
 
 pub use document::ModelError;
-pub use drive::{DrivenBone, ModelDrive};
+pub(crate) use drive::DrivenBone;
+pub use drive::ModelDrive;
 pub use model::{Coordinate, Model, ModelBody, ModelMesh, ModelMuscle};
 pub use motion::MotionTable;

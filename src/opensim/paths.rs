@@ -179,27 +179,28 @@ impl PathSamples {
     /// Coefficients by least squares over lengths and moment arms of some poses, with equal weights.
     fn solve(&self, poses: &[usize], exponents: &[Vec<i32>]) -> Option<Vec<f64>> {
         let each = 1 + self.coordinates.len();
-        let row = |row: usize| (poses[row / each], row % each);
-        let entry = |r: usize, c: usize| match row(r) {
-            (pose, 0) => term(&exponents[c], &self.values[pose]),
-            (pose, k) => -slope(&exponents[c], &self.values[pose], k - 1),
-        };
-        let mut matrix = DMatrix::from_fn(poses.len() * each, exponents.len(), entry);
-        let right = DVector::from_fn(poses.len() * each, |r, _| match row(r) {
-            (pose, 0) => self.lengths[pose],
-            (pose, k) => self.arms[pose][k - 1],
+        let rows = poses.len() * each;
+        let mut matrix = DMatrix::from_fn(rows, exponents.len(), |row, column| {
+            let at = &self.values[poses[row / each]];
+            match row % each {
+                0 => term(&exponents[column], at),
+                k => -slope(&exponents[column], at, k - 1),
+            }
         });
-        let norms: Vec<f64> = matrix.column_iter().map(|c| c.norm()).collect();
-        let unit = |norm: &f64| if *norm > 0.0 { 1.0 / norm } else { 0.0 };
-        for (k, norm) in norms.iter().enumerate() {
-            matrix.column_mut(k).scale_mut(unit(norm));
+        let right = DVector::from_fn(rows, |row, _| {
+            let pose = poses[row / each];
+            match row % each {
+                0 => self.lengths[pose],
+                k => self.arms[pose][k - 1],
+            }
+        });
+        let unit = |norm: f64| if norm > 0.0 { 1.0 / norm } else { 0.0 };
+        let scales: Vec<f64> = matrix.column_iter().map(|c| unit(c.norm())).collect();
+        for (k, scale) in scales.iter().enumerate() {
+            matrix.column_mut(k).scale_mut(*scale);
         }
         let solution = matrix.svd(true, true).solve(&right, SINGULAR).ok()?;
-        let all: Vec<f64> = solution
-            .iter()
-            .zip(&norms)
-            .map(|(c, n)| c * unit(n))
-            .collect();
+        let all: Vec<f64> = solution.iter().zip(&scales).map(|(c, s)| c * s).collect();
         all.iter().all(|c| c.is_finite()).then_some(all)
     }
 

@@ -9,12 +9,14 @@ use super::error::{SceneError, SceneProblem};
 use super::reader::{Item, Limit, Section};
 use super::units::Dimension;
 use super::{BoneSpec, Key, Motion, parse, paths, smooth_step};
-use crate::opensim::{Model, ModelDrive, ModelError, MotionTable};
+use crate::opensim::{DrivenBone, Model, ModelDrive, ModelError, MotionTable};
 
 /// Share of the frames from the meshes' pose to the first pose of a motion.
 const LEAD_IN: f64 = 0.2;
 /// Greatest number of frames of a motion from a file: each bone has a key in each.
 const MOST_FRAMES: usize = 1_000_000;
+/// Least sine of the angle between forward and up.
+const LEAST_ACROSS: f64 = 1e-3;
 /// Least distance between two poses that differ [rad or m].
 const SAME: f64 = 1e-12;
 
@@ -38,6 +40,17 @@ fn file(item: &Item<'_>, example: &str) -> Result<std::path::PathBuf, SceneError
     paths::resolve(text, around.folder, around.variable).map_err(|p| item.error(p))
 }
 
+/// The values of the section that need no model.
+struct Given<'a> {
+    forward: Option<Vector3<f64>>,
+    bones: Option<Section<'a>>,
+    at: Option<Section<'a>>,
+    centres: Option<Section<'a>>,
+    motion: Option<(Item<'a>, std::path::PathBuf)>,
+    span: [Option<f64>; 2],
+    lead_in: Option<u32>,
+}
+
 /// Reads the section and writes the motion into the bones.
 pub(super) fn read(
     root: &Section<'_>,
@@ -47,71 +60,91 @@ pub(super) fn read(
     let Some(section) = root.section("opensim")? else {
         return Ok(None);
     };
-    let item = section.need("model", "\"model.osim\"")?;
-    let model = Model::read(&file(&item, "model.osim")?).map_err(|e| item.error(e.into()))?;
-    let named = named(&section, bones, &model)?;
-    let rest = at_rest(&section, &model)?;
+    let given = given(&section)?;
     let up = root.get("up").map(|item| item.direction()).transpose()?;
     let up = up.map_or_else(Vector3::y, |up| up.into_inner());
-    let forward = match section.get("forward") {
-        Some(item) => {
-            let given = item.direction()?.into_inner();
-            let across = given - up * up.dot(&given);
-            if !(across.norm() > 1e-3) {
-                let allowed = "a direction across `up`";
-                return item.fail(SceneProblem::out_of_range("forward", allowed));
-            }
-            across.normalize()
-        }
-        None if up == Vector3::y() => Vector3::x(),
-        None => {
-            return section.fail(SceneProblem::missing(
-                "forward",
-                "`forward = [1, 0, 0]`: where the subject looks",
-            ));
-        }
-    };
-    let drive = ModelDrive::new(model, &named, rest, [forward, up])
+    let axes = [forward(&section, given.forward, &up)?, up];
+    let item = section.need("model", "\"model.osim\"")?;
+    let model = Model::read(&file(&item, "model.osim")?).map_err(|e| item.error(e.into()))?;
+    let named = named(&section, &given, bones, &model)?;
+    let rest = at_rest(&given, &model)?;
+    let drive = ModelDrive::new(model, &named, rest, axes)
         .map_err(|e| section.error_at("bones", e.into()))?;
-    if let (Some(item), Some(frames)) = (section.get("motion"), frames) {
-        move_bones(&section, &item, &drive, bones, frames)?;
-    } else if let Some(unused) = ["from", "to", "lead_in"]
-        .iter()
-        .find_map(|k| section.get(k))
-    {
-        return unused.fail(SceneProblem::missing(
-            "motion",
-            "`motion = \"walk.mot\"`, which it is a part of",
-        ));
+    if let Some(frames) = frames {
+        move_bones(&section, &given, &drive, (bones, frames))?;
     }
     Ok(Some(Arc::new(drive)))
+}
+
+fn given<'a>(section: &Section<'a>) -> Result<Given<'a>, SceneError> {
+    let direction = section.get("forward").map(|item| item.direction());
+    let time = |key: &str| {
+        let item = section.get(key);
+        item.map(|item| item.quantity(Dimension::Time, Limit::Any))
+            .transpose()
+    };
+    let most = u32::try_from(MOST_FRAMES).unwrap_or(u32::MAX);
+    let lead_in = section.get("lead_in").map(|item| item.whole(0, most));
+    let motion = match section.get("motion") {
+        Some(item) => {
+            let path = file(&item, "walk.mot")?;
+            Some((item, path))
+        }
+        None => None,
+    };
+    Ok(Given {
+        forward: direction.transpose()?.map(|d| d.into_inner()),
+        bones: section.section("bones")?,
+        at: section.section("at")?,
+        centres: section.section("centres")?,
+        motion,
+        span: [time("from")?, time("to")?],
+        lead_in: lead_in.transpose()?,
+    })
+}
+
+/// The direction in which the subject looks, across `up`.
+fn forward(
+    section: &Section<'_>,
+    given: Option<Vector3<f64>>,
+    up: &Vector3<f64>,
+) -> Result<Vector3<f64>, SceneError> {
+    match given {
+        Some(given) => {
+            let across = given - up * up.dot(&given);
+            if !(across.norm() > LEAST_ACROSS) {
+                let problem = SceneProblem::out_of_range("forward", "a direction across `up`");
+                return Err(section.error_at("forward", problem));
+            }
+            Ok(across.normalize())
+        }
+        None if *up == Vector3::y() => Ok(Vector3::x()),
+        None => section.fail(SceneProblem::missing(
+            "forward",
+            "`forward = [1, 0, 0]`: where the subject looks",
+        )),
+    }
 }
 
 /// The body of each bone, and the place of its joint.
 fn named(
     section: &Section<'_>,
+    given: &Given<'_>,
     bones: &[BoneSpec],
     model: &Model,
-) -> Result<Vec<Option<crate::opensim::DrivenBone>>, SceneError> {
-    let list = section.need("bones", "{ femur = \"femur_r\", pelvis = \"pelvis\" }")?;
-    let Some(list) = section.section("bones")? else {
-        return list.fail(SceneProblem::EmptyList {
-            expected: "a bone of the scene and its body".to_owned(),
-        });
-    };
+) -> Result<Vec<Option<DrivenBone>>, SceneError> {
+    section.need("bones", "{ femur = \"femur_r\", pelvis = \"pelvis\" }")?;
     let mut centres = BTreeMap::new();
-    if let Some(given) = section.section("centres")? {
-        for (name, item) in given.items() {
-            let place = item.vector(Dimension::Length)?;
-            let Some(body) = model.child_of(name) else {
-                let known = model.joint_names();
-                return item.fail(parse::unknown_name("joint of the model", name, known));
-            };
-            centres.insert(body, Point3::from(place));
-        }
+    for (name, item) in given.centres.iter().flat_map(Section::items) {
+        let place = item.vector(Dimension::Length)?;
+        let Some(body) = model.child_of(name) else {
+            let known = model.joint_names();
+            return item.fail(parse::unknown_name("joint of the model", name, known));
+        };
+        centres.insert(body, Point3::from(place));
     }
     let mut named = vec![None; bones.len()];
-    for (name, item) in list.items() {
+    for (name, item) in given.bones.iter().flat_map(Section::items) {
         let Some(bone) = bones.iter().position(|b| b.name == name) else {
             let known = bones.iter().map(|b| b.name.as_str());
             return item.fail(parse::unknown_name("bone", name, known));
@@ -127,17 +160,15 @@ fn named(
 }
 
 /// The values of the coordinates where the meshes are: defaults, and those of `at`.
-fn at_rest(section: &Section<'_>, model: &Model) -> Result<Vec<f64>, SceneError> {
+fn at_rest(given: &Given<'_>, model: &Model) -> Result<Vec<f64>, SceneError> {
     let mut values: Vec<f64> = model.coordinates.iter().map(|c| c.default).collect();
-    if let Some(given) = section.section("at")? {
-        for (name, item) in given.items() {
-            let index = model.coordinate(name).map_err(|e| item.error(e.into()))?;
-            let dimension = match model.coordinates[index].is_angle {
-                true => Dimension::Angle,
-                false => Dimension::Length,
-            };
-            values[index] = item.quantity(dimension, Limit::Any)?;
-        }
+    for (name, item) in given.at.iter().flat_map(Section::items) {
+        let index = model.coordinate(name).map_err(|e| item.error(e.into()))?;
+        let dimension = match model.coordinates[index].is_angle {
+            true => Dimension::Angle,
+            false => Dimension::Length,
+        };
+        values[index] = item.quantity(dimension, Limit::Any)?;
     }
     model.couple(&mut values);
     Ok(values)
@@ -146,70 +177,82 @@ fn at_rest(section: &Section<'_>, model: &Model) -> Result<Vec<f64>, SceneError>
 /// Writes the poses of a motion into the bones that the model moves.
 fn move_bones(
     section: &Section<'_>,
-    item: &Item<'_>,
+    given: &Given<'_>,
     drive: &ModelDrive,
-    bones: &mut [BoneSpec],
-    frames: usize,
+    (bones, frames): (&mut [BoneSpec], usize),
 ) -> Result<(), SceneError> {
+    let Some((item, path)) = &given.motion else {
+        let unused = ["from", "to", "lead_in"]
+            .iter()
+            .find_map(|key| section.get(key));
+        let add = "`motion = \"walk.mot\"`, which it is a part of";
+        return unused.map_or(Ok(()), |item| {
+            item.fail(SceneProblem::missing("motion", add))
+        });
+    };
     if frames > MOST_FRAMES {
         let allowed = format!("a motion from a file for at most {MOST_FRAMES} frames");
         return item.fail(SceneProblem::out_of_range(&frames.to_string(), &allowed));
     }
-    let table = MotionTable::read(&file(item, "walk.mot")?).map_err(|e| item.error(e.into()))?;
+    let table = MotionTable::read(path).map_err(|e| item.error(e.into()))?;
     let columns = table
         .coordinates(&drive.model)
         .map_err(|e| item.error(e.into()))?;
     let [first, last] = table.span();
-    let within = Limit::Within(first, last);
-    let from = section.quantity_or("from", Dimension::Time, within, first)?;
-    let to = section.quantity_or("to", Dimension::Time, within, last)?;
-    if !(to >= from) {
-        let allowed = "a time after `from`";
-        return section
-            .need("to", "\"1 s\"")?
-            .fail(SceneProblem::out_of_range(&to.to_string(), allowed));
+    let [from, to] = [
+        given.span[0].unwrap_or(first),
+        given.span[1].unwrap_or(last),
+    ];
+    for (key, time, low) in [("from", from, first), ("to", to, from)] {
+        if !(low..=last).contains(&time) {
+            let allowed = format!("a time from {low} to {last} s");
+            let problem = SceneProblem::out_of_range(&format!("{time} s"), &allowed);
+            return Err(section.error_at(key, problem));
+        }
     }
     let start = table.values(&drive.model, &columns, from);
     let rests = start
         .iter()
         .zip(&drive.rest)
         .all(|(a, b)| (a - b).abs() <= SAME);
-    let longest = u32::try_from(frames - 1).unwrap_or(u32::MAX);
-    let lead_in = match section.get("lead_in") {
-        Some(item) => item.whole(0, longest)? as usize,
+    let lead_in = match given.lead_in {
+        Some(given) if given as usize >= frames => {
+            let allowed = format!("a number of frames below {frames}, which the scene has");
+            let problem = SceneProblem::out_of_range(&given.to_string(), &allowed);
+            return Err(section.error_at("lead_in", problem));
+        }
+        Some(given) => given as usize,
         None if rests || frames == 1 => 0,
-        None => ((LEAD_IN * frames as f64).ceil() as usize).clamp(1, frames - 1),
+        None => ((LEAD_IN * frames as f64).ceil() as usize).min(frames - 1),
     };
-    let mut values = vec![0.0; start.len()];
     for frame in 0..=frames {
-        let poses = if frame < lead_in {
-            let share = smooth_step(frame as f64 / lead_in as f64);
-            let mixed = drive.rest.iter().zip(&start);
-            values
-                .iter_mut()
-                .zip(mixed)
-                .for_each(|(v, (a, b))| *v = a + (b - a) * share);
-            drive.model.couple(&mut values);
-            drive.poses(&values)
-        } else {
-            let share = (frame - lead_in) as f64 / (frames - lead_in) as f64;
-            let time = from + (to - from) * share;
-            drive.poses(&table.values(&drive.model, &columns, time))
+        let values = match frame < lead_in {
+            true => {
+                let share = smooth_step(frame as f64 / lead_in as f64);
+                let both = drive.rest.iter().zip(&start);
+                let mut mixed: Vec<f64> = both.map(|(a, b)| a + (b - a) * share).collect();
+                drive.model.couple(&mut mixed);
+                mixed
+            }
+            false => {
+                let share = (frame - lead_in) as f64 / (frames - lead_in) as f64;
+                table.values(&drive.model, &columns, from + (to - from) * share)
+            }
         };
+        let poses = drive.poses(&values);
         for ((bone, body), pose) in bones.iter_mut().zip(&drive.bones).zip(poses) {
             if body.is_none() {
                 continue;
             }
             if frame == 0 {
+                let joint = bone.motion.joint.take();
                 bone.motion = Motion {
-                    joint: bone.motion.joint.take(),
+                    joint,
                     ..Motion::default()
                 };
             }
-            bone.motion.keys.push(Key {
-                frame: frame as f64,
-                pose,
-            });
+            let frame = frame as f64;
+            bone.motion.keys.push(Key { frame, pose });
         }
     }
     for bone in bones.iter_mut() {

@@ -79,6 +79,36 @@ pub(super) struct Arguments {
     output: Output,
 }
 
+impl Arguments {
+    /// Files of bones that rest, and of muscles, in a unit; no frame is run.
+    pub(super) fn of_files(
+        bones: &[PathBuf],
+        muscles: &[PathBuf],
+        (unit, scene): (&str, &Path),
+        output: Output,
+    ) -> Self {
+        let names = |files: &[PathBuf]| {
+            let stems = files.iter().filter_map(|file| file.file_name());
+            stems
+                .map(|name| name.to_string_lossy().into_owned())
+                .collect()
+        };
+        Self {
+            meshes: bones.iter().chain(muscles).cloned().collect(),
+            joint: Some("none".to_owned()),
+            between: None,
+            unit: Some(unit.to_owned()),
+            bones: names(bones),
+            muscles: names(muscles),
+            without: Vec::new(),
+            scene: Some(scene.to_owned()),
+            force: true,
+            no_trial: true,
+            output,
+        }
+    }
+}
+
 /// A mesh with its kind.
 struct Read {
     body: Body,
@@ -199,10 +229,10 @@ fn unknown_joint(name: &str) -> Failure {
     )
 }
 
-/// The files: those named, and the meshes in folders, by name.
-fn files(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
+/// Files, and the meshes in folders, by name.
+pub(super) fn mesh_files(meshes: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut all = Vec::new();
-    for path in &arguments.meshes {
+    for path in meshes {
         if !path.is_dir() {
             all.push(path.clone());
             continue;
@@ -227,6 +257,12 @@ fn files(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
         inside.sort();
         all.extend(inside);
     }
+    Ok(all)
+}
+
+/// The files: those named, and the meshes in folders, without those to leave out.
+fn files(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
+    let mut all = mesh_files(&arguments.meshes)?;
     let is_left_out = |file: &PathBuf| arguments.without.iter().any(|name| is_named(file, name));
     for name in [&arguments.without, &arguments.bones, &arguments.muscles]
         .into_iter()
@@ -540,7 +576,7 @@ fn in_words(draft: &Draft, path: &Path) -> String {
 }
 
 /// Runs the first frames of the scene.
-fn trial(arguments: &Arguments, path: &Path) -> Result<u8, Failure> {
+pub(super) fn trial(arguments: &Arguments, path: &Path) -> Result<u8, Failure> {
     let tried = run::Arguments::of_first_frames(path, TRIED, arguments.output.clone());
     let code = run::run(&tried)?;
     let name = path.display();

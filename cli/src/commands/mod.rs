@@ -22,6 +22,7 @@ mod init;
 mod morph;
 mod moment_arms;
 mod options;
+mod osim;
 mod plan;
 mod progress;
 mod register;
@@ -87,6 +88,8 @@ enum Command {
     Run(Box<run::Arguments>),
     /// Write a scene of muscles and bones from their meshes, and try its first frames
     Init(Box<init::Arguments>),
+    /// Write a scene from a model of OpenSim and a folder of muscle meshes
+    Osim(Box<osim::Arguments>),
     /// Write a muscle and its two bones as files to begin with, or show where measured meshes are
     Data(data::Arguments),
     /// Open a window on a running scene, and control it
@@ -163,6 +166,7 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         None => run::run(&run::Arguments::default()),
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::Init(arguments)) => init::run(&arguments),
+        Some(Command::Osim(arguments)) => osim::run(&arguments),
         Some(Command::Data(arguments)) => data::run(&arguments),
         Some(Command::View(arguments)) => view::run(&arguments),
         Some(Command::Plan(arguments)) => plan::run(&arguments),

@@ -111,8 +111,8 @@ fn ranges(
     let default = |n: &Named| (n.coordinate, model.coordinates[n.coordinate].range);
     let mut ranges: Vec<(usize, [f64; 2])> = named.iter().map(default).collect();
     let example = "write NAME=FROM:TO, such as hip_flexion_r=-10deg:60deg";
+    let fail = |message: String| Failure::usage(format!("--range: {message}"), example);
     for part in arguments.range.iter().flat_map(|text| text.split(',')) {
-        let fail = |message: String| Failure::usage(format!("--range: {message}"), example);
         let pair = part.trim().split_once('=');
         let pair = pair.and_then(|(name, range)| Some((name, range.split_once(':')?)));
         let Some((name, (from, to))) = pair else {
@@ -131,8 +131,9 @@ fn ranges(
             true => Dimension::Angle,
             false => Dimension::Length,
         };
-        let value = |text: &str| parse(text.trim(), dimension).map_err(|e| fail(e.to_string()));
-        range.1 = [value(from)?, value(to)?];
+        for (end, text) in range.1.iter_mut().zip([from, to]) {
+            *end = parse(text.trim(), dimension).map_err(|e| fail(e.to_string()))?;
+        }
     }
     for (index, [low, high]) in &ranges {
         let coordinate = &model.coordinates[*index];

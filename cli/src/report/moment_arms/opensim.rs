@@ -161,16 +161,17 @@ pub fn files<'a>(
         .first()
         .map_or(Vec::new(), |s| s.coordinates.clone());
     let count = samples.iter().map(|s| s.values.len()).min().unwrap_or(0);
-    let short = |path: &String| path.rsplit('/').next().unwrap_or_default().to_owned();
     let lengths: Vec<String> = samples
         .iter()
         .map(|s| format!("{}_length", s.force))
         .collect();
-    let arms = samples.iter().flat_map(|s| {
-        let of = |c: &String| format!("{}_moment_arm_{}", s.force, short(c));
-        s.coordinates.iter().map(of).collect::<Vec<_>>()
-    });
-    let arms: Vec<String> = arms.collect();
+    let mut arms = Vec::new();
+    for s in &samples {
+        for coordinate in &s.coordinates {
+            let short = coordinate.rsplit('/').next().unwrap_or_default();
+            arms.push(format!("{}_moment_arm_{short}", s.force));
+        }
+    }
     let values: Vec<String> = coordinates.iter().map(|c| format!("{c}/value")).collect();
     let samples = std::rc::Rc::new(samples);
     let table =
