@@ -11,8 +11,8 @@ use super::units::Dimension;
 use super::{BoneSpec, Key, Motion, parse, paths, smooth_step};
 use crate::opensim::{DrivenBone, Model, ModelDrive, ModelError, MotionTable};
 
-/// Share of the frames from the meshes' pose to the first pose of a motion.
-const LEAD_IN: f64 = 0.2;
+/// Number of frames from the meshes' pose to the first pose of a motion.
+const LEAD_IN: u32 = 30;
 /// Greatest number of frames of a motion from a file: each bone has a key in each.
 const MOST_FRAMES: usize = 1_000_000;
 /// Least sine of the angle between forward and up.
@@ -48,6 +48,7 @@ struct Given<'a> {
     centres: Option<Section<'a>>,
     motion: Option<(Item<'a>, std::path::PathBuf)>,
     span: [Option<f64>; 2],
+    speed: f64,
     lead_in: Option<u32>,
 }
 
@@ -55,7 +56,7 @@ struct Given<'a> {
 pub(super) fn read(
     root: &Section<'_>,
     bones: &mut [BoneSpec],
-    frames: Option<usize>,
+    (frames, rate): (Option<usize>, Option<f64>),
 ) -> Result<Option<Arc<ModelDrive>>, SceneError> {
     let Some(section) = root.section("opensim")? else {
         return Ok(None);
@@ -70,8 +71,8 @@ pub(super) fn read(
     let rest = at_rest(&given, &model)?;
     let drive = ModelDrive::new(model, &named, rest, axes)
         .map_err(|e| section.error_at("bones", e.into()))?;
-    if let Some(frames) = frames {
-        move_bones(&section, &given, &drive, (bones, frames))?;
+    if let Some(timing) = frames.zip(rate) {
+        move_bones(&section, &given, &drive, bones, timing)?;
     }
     Ok(Some(Arc::new(drive)))
 }
@@ -99,6 +100,7 @@ fn given<'a>(section: &Section<'a>) -> Result<Given<'a>, SceneError> {
         centres: section.section("centres")?,
         motion,
         span: [time("from")?, time("to")?],
+        speed: section.number_or("speed", Limit::Positive, 1.0)?,
         lead_in: lead_in.transpose()?,
     })
 }
@@ -179,12 +181,12 @@ fn move_bones(
     section: &Section<'_>,
     given: &Given<'_>,
     drive: &ModelDrive,
-    (bones, frames): (&mut [BoneSpec], usize),
+    bones: &mut [BoneSpec],
+    (frames, rate): (usize, f64),
 ) -> Result<(), SceneError> {
     let Some((item, path)) = &given.motion else {
-        let unused = ["from", "to", "lead_in"]
-            .iter()
-            .find_map(|key| section.get(key));
+        let keys = ["from", "to", "speed", "lead_in"];
+        let unused = keys.iter().find_map(|key| section.get(key));
         let add = "`motion = \"walk.mot\"`, which it is a part of";
         return unused.map_or(Ok(()), |item| {
             item.fail(SceneProblem::missing("motion", add))
@@ -215,29 +217,17 @@ fn move_bones(
         .iter()
         .zip(&drive.rest)
         .all(|(a, b)| (a - b).abs() <= SAME);
-    let lead_in = match given.lead_in {
-        Some(given) if given as usize >= frames => {
-            let allowed = format!("a number of frames below {frames}, which the scene has");
-            let problem = SceneProblem::out_of_range(&given.to_string(), &allowed);
-            return Err(section.error_at("lead_in", problem));
-        }
-        Some(given) => given as usize,
-        None if rests || frames == 1 => 0,
-        None => ((LEAD_IN * frames as f64).ceil() as usize).min(frames - 1),
-    };
+    let lead_in = given.lead_in.unwrap_or(if rests { 0 } else { LEAD_IN }) as usize;
     for frame in 0..=frames {
-        let values = match frame < lead_in {
-            true => {
-                let share = smooth_step(frame as f64 / lead_in as f64);
-                let both = drive.rest.iter().zip(&start);
-                let mut mixed: Vec<f64> = both.map(|(a, b)| a + (b - a) * share).collect();
-                drive.model.couple(&mut mixed);
-                mixed
-            }
-            false => {
-                let share = (frame - lead_in) as f64 / (frames - lead_in) as f64;
-                table.values(&drive.model, &columns, from + (to - from) * share)
-            }
+        let time = from + given.speed * (frame as f64 - lead_in as f64) / rate;
+        let values = if frame < lead_in {
+            let share = smooth_step(frame as f64 / lead_in as f64);
+            let both = drive.rest.iter().zip(&start);
+            let mut mixed: Vec<f64> = both.map(|(a, b)| a + (b - a) * share).collect();
+            drive.model.couple(&mut mixed);
+            mixed
+        } else {
+            table.values(&drive.model, &columns, time.min(to))
         };
         let poses = drive.poses(&values);
         for ((bone, body), pose) in bones.iter_mut().zip(&drive.bones).zip(poses) {
@@ -253,6 +243,10 @@ fn move_bones(
             }
             let frame = frame as f64;
             bone.motion.keys.push(Key { frame, pose });
+        }
+        // After the last key the pose stays.
+        if frame >= lead_in && time >= to {
+            break;
         }
     }
     for bone in bones.iter_mut() {

@@ -218,7 +218,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneErro
         // Without the name of a bone, what names it would be wrong as well.
         all.end()?;
     }
-    let opensim = all.keep(super::opensim::read(root, &mut bones, frames));
+    let opensim = all.keep(super::opensim::read(root, &mut bones, (frames, rate)));
     let known = KnownBones::of(&bones);
     let capsules = all.keep(capsules(root, &known, &mut taken));
     let before = all.count();

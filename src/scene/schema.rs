@@ -208,6 +208,7 @@ pub(super) const OPENSIM: Schema = Schema::Listed(&[
     ("motion", Text),
     ("from", Text),
     ("to", Text),
+    ("speed", Plain),
     ("lead_in", Plain),
 ]);
 

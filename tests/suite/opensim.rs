@@ -105,7 +105,7 @@ fn driven(folder: &Path, change: impl Fn(String) -> String) -> Result<Scene, Sce
         [[bone]]\nname = 'aside'\nshape = 'tetrahedron'\n\
         [[muscle]]\nname = 'm'\nshape = 'tetrahedron'\n\
         [effects.gravity]\nacceleration = ['0 m/s2', '-9.81 m/s2', '0 m/s2']\n\
-        [opensim]\nmodel = 'm.osim'\nbones = { upper = 'planar', lower = 'custom' }\nmotion = 'walk.mot'\nlead_in = 2\n"
+        [opensim]\nmodel = 'm.osim'\nbones = { upper = 'planar', lower = 'custom' }\nmotion = 'walk.mot'\nspeed = 15\nlead_in = 2\n"
         .to_owned();
     parse(&change(text), "driven.toml", folder)
 }
@@ -121,8 +121,8 @@ fn bones_follow_a_motion_from_a_file() {
     // The first body carries the other and rests; bones without a body rest.
     assert!(scene.bones[0].motion.keys.is_empty() && scene.bones[2].motion.keys.is_empty());
     for frame in 2..=10 {
-        // Eight frames over two seconds.
-        let t = 2.0 * f64::from(frame - 2) / 8.0;
+        // Fifteen seconds a second at 60 frames: eight frames over two seconds.
+        let t = 15.0 * f64::from(frame - 2) / 60.0;
         let row = |of: &dyn Fn(f64) -> f64| {
             let k = (2.0 * t).floor().min(3.0);
             of(k) + (2.0 * t - k) * (of(k + 1.0) - of(k))
@@ -147,6 +147,10 @@ fn bones_follow_a_motion_from_a_file() {
     })
     .expect("a scene");
     assert!(elsewhere.bones[1].motion != scene.bones[1].motion);
+    // Fewer frames end sooner, and change nothing before.
+    let short = driven(&folder, |text| text.replace("frames = 10", "frames = 5")).expect("a scene");
+    let keys = &short.bones[1].motion.keys;
+    assert_eq!(keys[..], scene.bones[1].motion.keys[..6]);
 }
 
 /// A joint acts at its place in the scene, and about the scene's directions.
@@ -223,8 +227,13 @@ fn what_is_wrong_with_a_model_or_a_motion_is_said() {
             "few.mot:4: 1 values for 2 columns",
         ),
         ("motion = 'walk.mot'", "motion = 'nan.mot'", "not finite"),
-        ("motion = 'walk.mot'\n", "", "`motion` is missing"),
-        ("lead_in = 2", "lead_in = 10", "10"),
+        (
+            "motion = 'walk.mot'\nspeed = 15\n",
+            "",
+            "`motion` is missing",
+        ),
+        ("lead_in = 2", "lead_in = -1", "lead_in"),
+        ("speed = 15", "speed = 0", "greater than zero"),
         ("lead_in = 2", "from = '3 s'", "is not allowed"),
         ("lead_in = 2", "from = '1 s'\nto = '0.5 s'", "0.5"),
         (
