@@ -68,6 +68,15 @@ pub(super) const TABLE: Kind = (
     "a table has a header that ends with `endheader`, then a line of column names that begins with `time`",
 );
 
+/// The text with control characters escaped: a message can quote bytes of the file.
+fn printable(text: &str) -> String {
+    let escaped = |c: char| match c.is_control() {
+        true => c.escape_default().collect::<String>(),
+        false => c.to_string(),
+    };
+    text.chars().map(escaped).collect()
+}
+
 impl ModelError {
     /// An error without a place in the file.
     pub(super) fn whole(file: &str, (code, help): Kind, message: impl Into<String>) -> Self {
@@ -86,7 +95,7 @@ impl ModelError {
             line,
             column,
             code,
-            message: message.into(),
+            message: printable(&message.into()),
             help,
         }
     }

@@ -434,7 +434,7 @@ fn wrong_overrides_name_themselves() {
         (
             "effect.contact.friction=0.3",
             "error[E052]: unknown key `effect`, did you mean `effects`?; \
-          known keys here: name, frames, frame_rate, accuracy, mesh_error, up, limits, bone, capsule, muscle, interface, effects, solver, \
+          known keys here: name, frames, frame_rate, accuracy, mesh_error, up, limits, bone, opensim, capsule, muscle, interface, effects, solver, \
           skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
          min_part, max_part, insert, caps, fixed_length, spring_body, rigid_body, acceleration, collision",
         ),

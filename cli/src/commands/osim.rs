@@ -179,7 +179,7 @@ fn chosen<'b>(
     muscles: &[PathBuf],
     scale: f64,
 ) -> Result<Vec<(String, &'b TriangleMesh)>, Failure> {
-    let known = || bodies.keys().cloned().collect::<Vec<_>>().join(", ");
+    let known = bodies.keys().cloned().collect::<Vec<_>>().join(", ");
     if let Some(name) = arguments
         .bodies
         .iter()
@@ -188,7 +188,7 @@ fn chosen<'b>(
         let message = format!("--bodies: no body `{name}` has a mesh");
         return Err(Failure::usage(
             message,
-            format!("bodies with meshes: {}", known()),
+            format!("bodies with meshes: {known}"),
         ));
     }
     let mut boxes = Vec::new();
@@ -198,9 +198,7 @@ fn chosen<'b>(
         boxes.push(Aabb::of_points(&[bounds.min * scale, bounds.max * scale]).inflate(NEAR));
     }
     let is_near = |mesh: &TriangleMesh| {
-        let is_in =
-            |b: &Aabb, p: &Point3<f64>| (0..3).all(|k| (b.min[k]..=b.max[k]).contains(&p[k]));
-        let inside = |p: &Point3<f64>| boxes.iter().any(|b| is_in(b, p));
+        let inside = |p: &Point3<f64>| boxes.iter().any(|b| b.contains(p));
         mesh.vertices.iter().any(inside)
     };
     let chosen: Vec<(String, &TriangleMesh)> = bodies
@@ -217,8 +215,7 @@ fn chosen<'b>(
             chosen.len()
         );
         let hint = format!(
-            "check --unit, and that muscles have the pose of the model at its defaults; or name --bodies: {}",
-            known()
+            "check --unit, and that muscles have the pose of the model at its defaults; or name --bodies: {known}"
         );
         return Err(Failure::usage(message, hint));
     }

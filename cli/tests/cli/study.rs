@@ -373,3 +373,75 @@ fn wrong_studies_are_refused_before_anything_runs() {
         "a study that is refused has written something"
     );
 }
+
+/// Parts that run beside each other give what one call gives, and belong to the folder afterwards.
+#[test]
+fn parts_of_a_study() {
+    let scratch = Scratch::folder();
+    let file = written(&scratch, STUDY);
+    let (whole, parts) = (scratch.join("whole"), scratch.join("parts"));
+    study(&file, &whole, &[]);
+    let children: Vec<_> = ["1/3", "2/3", "3/3"]
+        .map(|part| {
+            let mut command = pliant();
+            command.args([
+                "study",
+                &file,
+                "--shard",
+                part,
+                "--quiet",
+                "--out",
+                shown(&parts),
+            ]);
+            command.spawn().expect("begun")
+        })
+        .into_iter()
+        .collect();
+    for mut child in children {
+        assert_eq!(child.wait().expect("ended").code(), Some(0));
+    }
+    assert!(!parts.join("study.csv").exists(), "a part makes no table");
+    assert_eq!(to_run(&file, &parts, &[]), 0);
+    study(&file, &parts, &[]);
+    for name in ["study.csv", "sheet.png"] {
+        let [a, b] = [&whole, &parts].map(|folder| fs::read(folder.join(name)).expect("written"));
+        assert!(a == b, "{name}");
+    }
+    // No partial file stays, and a fresh run may replace the runs of others.
+    assert!(
+        names_in(&parts.join("runs"))
+            .iter()
+            .all(|name| name.ends_with(".json"))
+    );
+    study(&file, &parts, &["--fresh"]);
+    // One combination by its key.
+    let listed = study(&file, &scratch.join("none"), &["--dry-run", "--json"]);
+    let listed: Value = serde_json::from_str(&listed).expect("JSON");
+    let key = listed["study"]["rows"][1]["key"]
+        .as_str()
+        .expect("a key")
+        .to_owned();
+    let one = scratch.join("one");
+    let said = study(&file, &one, &["--only", &key, "--json"]);
+    let said: Value = serde_json::from_str(&said).expect("JSON");
+    assert_eq!(
+        (
+            said["kind"].as_str(),
+            said["study_part"]["computed"].as_u64()
+        ),
+        (Some("study_part"), Some(1))
+    );
+    assert_eq!(names_in(&one.join("runs")), [format!("{key}.json")]);
+    for (more, says) in [
+        (["--shard", "4/3"], "I from 1 to N"),
+        (["--only", "nothing"], "no run `nothing`"),
+    ] {
+        let done = pliant()
+            .args(["study", &file, "--out", shown(&one)])
+            .args(more)
+            .output()
+            .expect("run");
+        assert_eq!(done.status.code(), Some(2));
+        assert!(text(&done.stderr).contains(says), "{}", text(&done.stderr));
+    }
+}

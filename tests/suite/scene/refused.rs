@@ -93,7 +93,7 @@ refused! {
          known keys here: thickness, friction, between";
     e052_unknown: with("[gravity]\n") =>
         "s.toml:9:2: error[E052]: unknown key `gravity`; \
-         known keys here: name, frames, frame_rate, accuracy, mesh_error, up, limits, bone, capsule, muscle, interface, effects, solver, \
+         known keys here: name, frames, frame_rate, accuracy, mesh_error, up, limits, bone, opensim, capsule, muscle, interface, effects, solver, \
          skin, sheet, implant, ball, obstacle, lattice, radii, grow_mults, length, unit, frame, \
          min_part, max_part, insert, caps, fixed_length, spring_body, rigid_body, acceleration, collision";
     e052_nothing_known: with("[effects.stretch]\nstiffness = 1\n") =>
