@@ -17,6 +17,7 @@ mod functions;
 mod joints;
 mod model;
 mod motion;
+mod parameters;
 pub mod paths;
 
 pub use document::ModelError;
@@ -24,3 +25,4 @@ pub(crate) use drive::DrivenBone;
 pub use drive::ModelDrive;
 pub use model::{Coordinate, Model, ModelBody, ModelMesh, ModelMuscle};
 pub use motion::MotionTable;
+pub use parameters::{MuscleParameters, SPECIFIC_TENSION, normalised_lengths};

@@ -86,6 +86,9 @@ pub struct ModelMuscle {
     pub pennation: f64,
     /// Points of the path: index of the body and place in its frame [m].
     pub points: Vec<(usize, Point3<f64>)>,
+    /// True if the path is the polyline through these points: without wrapping, conditional or moving
+    /// points.
+    pub is_polyline: bool,
 }
 
 /// A joint.
@@ -495,10 +498,13 @@ impl<'p> Reader<'p> {
                 continue;
             }
             let one = |tag: &str| element.numbers_or(tag, [0.0]).map(|[v]| v);
-            let mut points = Vec::new();
+            let (mut points, mut is_polyline) = (Vec::new(), true);
             let geometry = element.children().find(|e| e.tag() == "GeometryPath");
             let given = geometry.and_then(|g| g.child("PathPointSet")?.child("objects"));
+            let wraps = geometry.and_then(|g| g.child("PathWrapSet")?.child("objects"));
+            is_polyline &= wraps.is_none_or(|wraps| wraps.children().next().is_none());
             for point in given.iter().flat_map(|o| o.children()) {
+                is_polyline &= point.tag() == "PathPoint";
                 // A conditional point counts, a moving one has no place here.
                 let Some(location) = point.child("location") else {
                     continue;
@@ -517,6 +523,7 @@ impl<'p> Reader<'p> {
                 tendon_slack_length: one("tendon_slack_length")?,
                 pennation: one("pennation_angle_at_optimal")?,
                 points,
+                is_polyline,
             });
         }
         Ok(muscles)

@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::document::{MALFORMED, ModelError, Parsed, UNKNOWN_NAME};
 use super::model::path_of;
+use super::parameters::MuscleParameters;
 use crate::format::number;
 use crate::io::write_whole;
 use crate::mesh::measures::max_or_nan;
@@ -335,24 +336,49 @@ pub fn write_table(
     })
 }
 
-/// The text of a model with these paths in place of those of the same forces. Every other byte is
-/// the same. `file` appears in messages.
+/// The text of a model with these paths in place of those of the same forces, and with the values of
+/// parameters. Every other byte is the same. `file` appears in messages.
+///
+/// Lengths are replaced only where they are mapped, see [`MuscleParameters::new`].
 ///
 /// # Errors
 /// A text that is no model, a force that it does not have, or a force without a path.
-pub fn splice(text: &str, file: &str, paths: &[FittedPath]) -> Result<String, ModelError> {
+pub fn splice(
+    text: &str,
+    file: &str,
+    paths: &[FittedPath],
+    parameters: &[MuscleParameters],
+) -> Result<String, ModelError> {
     let parsed = Parsed::new(text, file)?;
     let model = parsed.root().need("Model")?;
     let mut changes = Vec::new();
+    let named = |path: &str| {
+        let short = path.rsplit('/').next().unwrap_or_default();
+        let mut all = model.components();
+        let found = all.find(|e| e.name() == short && path_of(*e) == path);
+        found.ok_or_else(|| {
+            let message = format!("the model has no force `{}`", shown(path));
+            ModelError::whole(file, UNKNOWN_NAME, message)
+        })
+    };
+    for own in parameters {
+        let force = named(&own.force)?;
+        let mut values = vec![
+            ("max_isometric_force", own.max_isometric_force[1]),
+            ("pennation_angle_at_optimal", own.pennation),
+        ];
+        if let Some(slack) = own.tendon_slack_length.filter(|slack| slack[1] > 0.0) {
+            values.push(("optimal_fiber_length", own.optimal_fibre_length[1]));
+            values.push(("tendon_slack_length", slack[1]));
+        }
+        for (tag, value) in values {
+            if let Some(old) = force.child(tag) {
+                changes.push((old.range(), format!("<{tag}>{value}</{tag}>")));
+            }
+        }
+    }
     for path in paths {
-        let short = path.force.rsplit('/').next().unwrap_or_default();
-        let found = model
-            .components()
-            .find(|e| e.name() == short && path_of(*e) == path.force);
-        let Some(force) = found else {
-            let message = format!("the model has no force `{}`", shown(&path.force));
-            return Err(ModelError::whole(file, UNKNOWN_NAME, message));
-        };
+        let force = named(&path.force)?;
         let is_path = |tag: &str| {
             tag == "GeometryPath" || tag.ends_with("BasedPath") || tag == "Scholz2015GeometryPath"
         };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::mesh::measures::max_or_nan;
 use pliant::opensim::paths::{self, PathSamples};
-use pliant::opensim::{Model, MotionTable};
+use pliant::opensim::{Model, MotionTable, MuscleParameters, normalised_lengths};
 use pliant::scene::{Scene, SceneError, parse};
 use pliant::testing::Scratch;
 
@@ -327,13 +327,15 @@ fn a_spliced_model_keeps_every_other_byte() {
         &format!("{before}{old}{after}"),
         "m.osim",
         std::slice::from_ref(&path),
+        &[],
     )
     .expect("spliced");
     assert!(spliced.starts_with(before) && spliced.ends_with(after));
     let new = &spliced[before.len()..spliced.len() - after.len()];
     assert!(new.contains("<FunctionBasedPath name=\"path\">") && !new.contains("GeometryPath"));
     // It can be read, and spliced again.
-    let again = paths::splice(&spliced, "m.osim", std::slice::from_ref(&path)).expect("spliced");
+    let again =
+        paths::splice(&spliced, "m.osim", std::slice::from_ref(&path), &[]).expect("spliced");
     assert_eq!(again.matches("<FunctionBasedPath").count(), 1);
     for (text, says) in [
         (
@@ -343,13 +345,15 @@ fn a_spliced_model_keeps_every_other_byte() {
         ),
         (format!("{before}{after}"), "has no path"),
     ] {
-        let error = paths::splice(&text, "m.osim", std::slice::from_ref(&path)).expect_err(says);
+        let error =
+            paths::splice(&text, "m.osim", std::slice::from_ref(&path), &[]).expect_err(says);
         assert!(error.to_string().contains(says), "{error}");
     }
     let twice = paths::splice(
         &format!("{before}{old}{after}"),
         "m.osim",
         &[path.clone(), path],
+        &[],
     );
     assert!(twice.is_err());
 }
@@ -386,4 +390,120 @@ fn motions_of_the_field_are_read() {
         let beta = model.coordinate("knee_angle_r_beta").expect("a coordinate");
         assert_eq!(values[beta], values[knee]);
     }
+}
+
+/// Curves of OpenSim's own models need the orders that its own fitter needs: counts of the reference.
+#[test]
+fn tables_of_the_field_need_the_known_orders() {
+    let folder = std::env::var_os("PLIANT_DATA").map_or("../shared/data".into(), PathBuf::from);
+    let path = folder.join("tables/rajagopal2016_hip_flexion_r.csv");
+    let Ok(text) = std::fs::read_to_string(&path) else {
+        println!("skipped: no {}", path.display());
+        return;
+    };
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().expect("a header");
+    let rows: Vec<Vec<f64>> = lines
+        .map(|line| line.iter().map(|n| n.parse().expect("a number")).collect())
+        .collect();
+    let mut orders = std::collections::BTreeMap::new();
+    for (k, name) in head.iter().enumerate() {
+        let Some(name) = name.strip_suffix("_moment_arm_m") else {
+            continue;
+        };
+        let length = head
+            .iter()
+            .position(|h| *h == format!("{name}_path_length_m"));
+        let length = length.expect("a length");
+        // Each row twice, so that the samples left out are all rows.
+        let twice = || rows.iter().flat_map(|row| [row, row]);
+        let samples = PathSamples {
+            force: format!("/forceset/{name}"),
+            coordinates: vec!["/jointset/hip_r/hip_flexion_r".to_owned()],
+            values: twice().map(|row| vec![row[0].to_radians()]).collect(),
+            lengths: twice().map(|row| row[length]).collect(),
+            arms: twice().map(|row| vec![row[k]]).collect(),
+        };
+        if let Some(path) = samples.fit(paths::TOLERANCE, 9) {
+            let order = if path.meets(paths::TOLERANCE) {
+                path.order
+            } else {
+                99
+            };
+            *orders.entry(order).or_insert(0) += 1;
+        }
+    }
+    println!("{orders:?}");
+    assert_eq!(
+        (orders.get(&4), orders.get(&5)),
+        (Some(&9), Some(&12)),
+        "{orders:?}"
+    );
+    assert_eq!(
+        (orders.get(&9), orders.get(&99)),
+        (Some(&2), Some(&2)),
+        "{orders:?}"
+    );
+}
+
+/// Parameters that are mapped, and the bytes of the model that they replace.
+#[test]
+fn parameters_go_into_their_places() {
+    let before = "<OpenSimDocument Version=\"40600\"><Model name=\"m\"><ForceSet name=\"forceset\"><objects><Thelen name=\"m\">\
+        <GeometryPath/><max_isometric_force> 1 </max_isometric_force><optimal_fiber_length>2</optimal_fiber_length>\
+        <tendon_slack_length>3</tendon_slack_length><pennation_angle_at_optimal>0</pennation_angle_at_optimal><other>5</other>\
+        </Thelen></objects></ForceSet></Model></OpenSimDocument>";
+    let samples: Vec<(f64, f64)> = (0..5)
+        .map(|k| {
+            (
+                0.02 + 0.1 * (0.8 + 0.1 * f64::from(k)),
+                0.8 + 0.1 * f64::from(k),
+            )
+        })
+        .collect();
+    let mapped = MuscleParameters::new("/forceset/m", 1e-3, &[0.1], 0.25, &samples);
+    let spliced =
+        paths::splice(before, "m.osim", &[], std::slice::from_ref(&mapped)).expect("spliced");
+    assert!(
+        spliced.contains("<max_isometric_force>600</max_isometric_force>")
+            && spliced.contains("<other>5</other>")
+    );
+    assert!(
+        spliced.contains("<pennation_angle_at_optimal>0.25<")
+            && !spliced.contains("<tendon_slack_length>3<")
+    );
+    // Without a mapping, lengths stay.
+    let by_rest = MuscleParameters::new("/forceset/m", 1e-3, &[0.1], 0.25, &[]);
+    let kept = paths::splice(before, "m.osim", &[], &[by_rest]).expect("spliced");
+    assert!(kept.contains("<tendon_slack_length>3<") && kept.contains("<optimal_fiber_length>2<"));
+}
+
+/// The lengths of a model's own muscle, normalised, are those of its parameters.
+#[test]
+fn a_polyline_has_normalised_lengths() {
+    let text = std::fs::read_to_string(file("joints.osim")).expect("a text");
+    let muscle = |more: &str| {
+        format!(
+            "<ForceSet name=\"forceset\"><objects><Thelen name=\"m\"><GeometryPath name=\"path\"><PathPointSet><objects>\
+             <PathPoint name=\"a\"><socket_parent_frame>/bodyset/weld</socket_parent_frame><location>0 0.1 0</location></PathPoint>\
+             <PathPoint name=\"b\"><socket_parent_frame>/bodyset/pin</socket_parent_frame><location>0 -0.3 0</location></PathPoint>\
+             </objects></PathPointSet>{more}</GeometryPath><max_isometric_force>1</max_isometric_force>\
+             <optimal_fiber_length>0.1</optimal_fiber_length><tendon_slack_length>0.05</tendon_slack_length></Thelen></objects></ForceSet></Model>"
+        )
+    };
+    let model = Model::parse(&text.replace("</Model>", &muscle("")), "m.osim").expect("a model");
+    let own = &model.muscles[0];
+    assert!(own.is_polyline && own.path == "/forceset/m");
+    let pin = model.coordinate("pin_0").expect("a coordinate");
+    let pose = |q: f64| {
+        let mut values = model.defaults();
+        values[pin] = q;
+        values
+    };
+    let found = normalised_lengths(&model, own, &[pose(0.0), pose(0.5)]).expect("lengths");
+    let length = |q: f64| model.straight_length(own, &model.poses(&pose(q)));
+    assert!((found[1] - (length(0.5) - 0.05) / 0.1).abs() <= 1e-12 && found[0] != found[1]);
+    let wraps = muscle("<PathWrapSet><objects><PathWrap/></objects></PathWrapSet>");
+    let model = Model::parse(&text.replace("</Model>", &wraps), "m.osim").expect("a model");
+    assert!(normalised_lengths(&model, &model.muscles[0], &[pose(0.0)]).is_none());
 }

@@ -53,6 +53,10 @@ pub(super) struct OverPoses {
     /// Also write the model with the paths in place of those of its forces
     #[arg(long, requires = "osim")]
     splice: bool,
+    /// Also write the maximum isometric force, the optimal fibre length, the tendon slack length and
+    /// the pennation of the fibres into that model
+    #[arg(long, requires = "splice")]
+    parameters: bool,
 }
 
 /// A coordinate of the model, and the joint of the scene that it turns.
@@ -324,6 +328,7 @@ pub(super) fn run(arguments: &Arguments, osim: &std::path::Path) -> Result<u8, F
         set,
         most_order: options.order_up_to as usize,
         splice,
+        replaces_parameters: options.parameters,
         time_s: begun.elapsed().as_secs_f64(),
     };
     let output = files::output_of_poses(&posed, &running, written.series, &written.pictures)

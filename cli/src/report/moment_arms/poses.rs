@@ -7,12 +7,13 @@ use super::super::output::{DataFile, OutputFile, Plot, RunOutput, Verdict};
 use super::super::{LinePlot, Table};
 use super::opensim::{self, Fitted};
 use super::{across_check, encoded, explanations};
+use pliant::fibres::length;
 use pliant::format::number;
 use pliant::io::file_name;
 use pliant::io::pvd::Collection;
 use pliant::moment_arms::{MuscleStepper, PoseSet, SweepRun, extremes};
-use pliant::opensim::ModelDrive;
 use pliant::opensim::paths::PathSamples;
+use pliant::opensim::{ModelDrive, MuscleParameters, normalised_lengths};
 use pliant_render::{Frame, PictureError};
 
 /// Number of points of a plotted curve.
@@ -32,6 +33,8 @@ pub struct Posed {
     pub most_order: usize,
     /// Name and text of the model, if a model with the paths in place is written.
     pub splice: Option<(String, String)>,
+    /// True if this model also gets the parameters of the muscles.
+    pub replaces_parameters: bool,
     /// Time [s].
     pub time_s: f64,
     /// True if the user stopped the run.
@@ -79,14 +82,24 @@ pub fn output_of_poses<'a>(
         }
     }
     let (paths, mut findings) = opensim::fit(&samples, posed.most_order);
+    let parameters = parameters(posed, running, &samples);
+    let replaced = if posed.replaces_parameters {
+        &parameters[..]
+    } else {
+        &[]
+    };
     let spliced = posed.splice.as_ref().and_then(|(file, text)| {
         let fitted: Vec<_> = paths.iter().map(|f| f.path.clone()).collect();
-        let spliced = pliant::opensim::paths::splice(text, file, &fitted);
+        let spliced = pliant::opensim::paths::splice(text, file, &fitted, replaced);
         spliced
             .map_err(|error| findings.push(error.to_string()))
             .ok()
     });
-    let tables = vec![arms_table(posed, &samples), opensim::table(&paths)];
+    let tables = vec![
+        arms_table(posed, &samples),
+        opensim::table(&paths),
+        parameter_table(&parameters),
+    ];
     let plots = samples
         .iter()
         .flat_map(|(muscle, samples)| plots(posed, muscle, samples, &paths))
@@ -122,6 +135,14 @@ pub fn output_of_poses<'a>(
             "values_not_converged": m.unconverged,
         })).collect::<Vec<_>>(),
         "opensim": opensim::to_json(&paths),
+        "parameters": parameters.iter().map(|p| json!({
+            "force": p.force,
+            "max_isometric_force_n": p.max_isometric_force,
+            "optimal_fibre_length_m": p.optimal_fibre_length,
+            "tendon_slack_length_m": p.tendon_slack_length,
+            "pennation_deg": p.pennation.to_degrees(),
+            "mapped": p.is_mapped(),
+        })).collect::<Vec<_>>(),
     });
     let data = vec![bundle_rows(posed, &samples), fibre_rows(posed, running)];
     let mut files = vec![OutputFile::new("fibres.pvd", move |path| {
@@ -174,6 +195,70 @@ fn verdicts(running: &SweepRun) -> Vec<Verdict> {
         ));
     }
     all
+}
+
+/// Parameters of each bundle; lengths are mapped where the model has the force.
+fn parameters(
+    posed: &Posed,
+    running: &SweepRun,
+    samples: &[(String, PathSamples)],
+) -> Vec<MuscleParameters> {
+    let model = &posed.drive.model;
+    let each = posed.set.each();
+    let mut all = Vec::new();
+    let mut paths = samples.iter().map(|(_, samples)| samples);
+    for (muscle, bundles) in running.muscles.iter().zip(&posed.bundles) {
+        for ((force, fibres), path) in bundles.iter().zip(&mut paths) {
+            let at_rest: Vec<f64> = fibres.iter().map(|f| length(&muscle.fibres[*f])).collect();
+            let share = fibres.len() as f64 / muscle.fibres.len() as f64;
+            let own = model.muscles.iter().find(|m| m.path == *force);
+            let poses: Vec<Vec<f64>> = posed.set.poses.iter().step_by(each).cloned().collect();
+            let lengths = own.and_then(|own| normalised_lengths(model, own, &poses));
+            let both = path
+                .lengths
+                .iter()
+                .copied()
+                .zip(lengths.into_iter().flatten());
+            all.push(MuscleParameters::new(
+                force,
+                share * muscle.physiological_area,
+                &at_rest,
+                muscle.quality.pennation_mean_rad,
+                &both.collect::<Vec<_>>(),
+            ));
+        }
+    }
+    all
+}
+
+/// The parameters as a table, each value with its interval.
+fn parameter_table(parameters: &[MuscleParameters]) -> Table {
+    let columns = [
+        "force",
+        "maximum isometric force [N]",
+        "optimal fibre length [mm]",
+        "tendon slack length [mm]",
+        "pennation [deg]",
+    ];
+    let mut table = Table::new(
+        "Parameters of the muscles, with their intervals; the tendon is that of a path with the length of the fibres",
+        columns,
+    );
+    let shown = |[low, value, high]: [f64; 3], scale: f64| {
+        let [low, value, high] = [low, value, high].map(|v| number(scale * v));
+        format!("{value} ({low} to {high})")
+    };
+    for p in parameters {
+        table.row([
+            p.force.clone(),
+            shown(p.max_isometric_force, 1.0),
+            shown(p.optimal_fibre_length, 1e3),
+            p.tendon_slack_length
+                .map_or("-".to_owned(), |slack| shown(slack, 1e3)),
+            number(p.pennation.to_degrees()),
+        ]);
+    }
+    table
 }
 
 /// Least and greatest moment arm of each bundle about each coordinate.
