@@ -82,7 +82,10 @@ class Study:
         runs.mkdir(parents=True, exist_ok=True)
         if kept is not None:
             kept.fetch(runs, [row["key"] for row in self.runs(out) if row["state"] != "finished"])
-        missing = [row for row in self.runs(out) if row["state"] != "finished"]
+        listed = self.runs(out)
+        # References have no row, and are run with a combination that has them. One whose combinations are all there is run by
+        # the last call.
+        missing = [row for row in listed if row["state"] != "finished" and row["row"] is not None]
         # Equal combinations have one key, and are one task.
         rows = {row["key"]: row for row in missing}
         longest = sorted(rows.values(), key=lambda row: -row["expected_s"])
@@ -92,7 +95,7 @@ class Study:
         def submit(key: str) -> Any:
             name = key if restarts.get(key, 0) == 0 else f"{key}-{restarts[key]}"
             return client.submit(
-                run_one, words, key, str(out), store, threads, _pliant.DIGEST, key=name, pure=False, retries=0
+                run_one, words, (rows[key]["row"], key), str(out), store, threads, _pliant.DIGEST, key=name, pure=False, retries=0
             )
 
         of = {}
@@ -120,7 +123,7 @@ class Study:
             if progress:
                 print(f"[{done}/{len(rows)}] {rows[key]['label']} on {future.result()['host']}")
         if kept is not None:
-            kept.fetch(runs, list(rows))
+            kept.fetch(runs, [row["key"] for row in self.runs(out) if row["state"] != "finished"])
 
     def __repr__(self) -> str:
         return f"<pliant.Study {self.file.name}>"
@@ -135,9 +138,10 @@ def study(file: str | os.PathLike[str], set: Mapping[str, Any] | None = None) ->
 
 
 def run_one(
-    words: list[str], key: str, out: str, store: str | None, threads: int, digest: str
+    words: list[str], row: tuple[int, str], out: str, store: str | None, threads: int, digest: str
 ) -> dict[str, Any]:
-    """Runs one combination on a worker and keeps its result. Returns what `study_part` tells."""
+    """Runs one combination, by its row and key, on a worker, and keeps its result. Returns what `study_part` tells."""
+    number, key = row
     if digest != _pliant.DIGEST:
         import socket
 
@@ -156,11 +160,15 @@ def run_one(
         scratch = tempfile.mkdtemp(prefix="pliant-")
         folder = Path(scratch)
     try:
-        arguments = ["study", *words, "--only", key, "--json", f"--out={folder}", f"--threads={threads}"]
+        arguments = ["study", *words, f"--row={number}", "--json", f"--out={folder}", f"--threads={threads}"]
         begun = time.monotonic()
         summary = json.loads(command(*arguments, bound=True).stdout)["study_part"]
+        if key not in summary["keys"]:
+            message = "the worker reads another scene or other files than the client: the paths of a study must be the same on both"
+            raise _pliant.PliantError(message)
         if store is not None:
-            _Store(store).put(folder / "runs" / f"{key}.json", key)
+            for done in summary["keys"]:
+                _Store(store).put(folder / "runs" / f"{done}.json", done)
         summary["wall_s"] = time.monotonic() - begun
         return dict(summary)
     finally:

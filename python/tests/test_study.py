@@ -130,7 +130,7 @@ def test_another_version_on_a_worker_is_refused_by_name(study: pliant.Study, tmp
     from pliant._study import run_one
 
     with pytest.raises(pliant.PliantError, match="another version of pliant"):
-        run_one([str(study.file)], "key", str(tmp_path), None, 1, "0" * 32)
+        run_one([str(study.file)], (0, "key"), str(tmp_path), None, 1, "0" * 32)
 
 
 def test_runs_through_an_object_store(study: pliant.Study, tmp_path: Path) -> None:

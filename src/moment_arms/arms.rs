@@ -7,7 +7,7 @@ use super::sweep::{CrossingMuscle, SweepRun};
 use crate::mesh::measures::max_or_nan;
 
 /// Straight lines are the path of a muscle where no bone blocks this share of them.
-const CLEAR: f64 = 0.9;
+pub(super) const CLEAR: f64 = 0.9;
 
 /// Moment arms of a muscle.
 #[derive(Clone, Debug)]

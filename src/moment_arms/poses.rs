@@ -2,10 +2,12 @@
 
 use nalgebra::{Point3, Vector3};
 
+use crate::mesh::measures::max_or_nan;
 use crate::opensim::Model;
 use crate::opensim::paths::PathSamples;
 use crate::random::Random;
 
+use super::arms::CLEAR;
 use super::sweep::{CrossingMuscle, MOST_VALUES};
 
 /// Change of an angle \[rad\] on each side of a pose for the central difference: three degrees. The
@@ -144,19 +146,40 @@ impl PoseSet {
         fibres: &[usize],
         sample: usize,
     ) -> (f64, Vec<f64>) {
-        let first = sample * self.each();
         let mean = |pose: usize| {
             let lengths = fibres.iter().map(|f| muscle.lengths[pose][*f]);
             lengths.sum::<f64>() / fibres.len() as f64
         };
+        (mean(sample * self.each()), self.differences(&mean, sample))
+    }
+
+    /// Central differences of a length [m] of each pose, with the sign of moment arms.
+    fn differences(&self, length: &dyn Fn(usize) -> f64, sample: usize) -> Vec<f64> {
+        let first = sample * self.each();
         let arm = |(k, step): (usize, &f64)| {
-            let [below, above] = [first + 1 + 2 * k, first + 2 + 2 * k].map(mean);
+            let [below, above] = [first + 1 + 2 * k, first + 2 + 2 * k].map(length);
             (below - above) / (2.0 * step)
         };
-        (
-            mean(first),
-            self.steps.iter().enumerate().map(arm).collect(),
-        )
+        self.steps.iter().enumerate().map(arm).collect()
+    }
+
+    /// Greatest difference of the moment arms of a muscle from those of straight lines between the
+    /// ends of its fibres, in samples where no bone blocks nine of ten of them, relative to the
+    /// greatest moment arm of such lines. `None` where bones block them in each sample.
+    pub fn off_straight(&self, muscle: &CrossingMuscle) -> Option<f64> {
+        let all: Vec<usize> = (0..muscle.fibres.len()).collect();
+        let clear = (0..self.complete(muscle.lengths.len()))
+            .filter(|sample| muscle.clear[sample * self.each()] >= CLEAR);
+        let (mut off, mut greatest) = (0.0, 0.0);
+        for sample in clear {
+            let (_, arms) = self.length_and_arms(muscle, &all, sample);
+            let straight = self.differences(&|pose| muscle.chords[pose], sample);
+            for (arm, straight) in arms.iter().zip(&straight) {
+                off = max_or_nan([off, (arm - straight).abs()]);
+                greatest = max_or_nan([greatest, straight.abs()]);
+            }
+        }
+        (greatest > 0.0).then_some(off / greatest)
     }
 
     /// Samples of the path of some fibres of a muscle, for a force of the model.

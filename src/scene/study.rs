@@ -6,7 +6,7 @@
 
 mod combine;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::Content;
 use super::builtin::{self, Written};
@@ -33,10 +33,14 @@ const STUDY: Schema = Schema::Listed(&[
     ("frames", Kind::Plain),
     ("measures", Kind::Plain),
     ("combine", Kind::Text),
+    ("subjects", Kind::Text),
     ("set", Kind::Table(&ANY)),
     ("vary", Kind::Table(&ANY)),
     ("reference", Kind::Table(&ANY)),
 ]);
+
+/// The varied key of subjects, and in capital letters the variable at the start of a path.
+const SUBJECT: &str = "subject";
 
 /// Not checked here: the scene decides which keys exist.
 const ANY: Schema = Schema::Listed(&[]);
@@ -85,6 +89,8 @@ pub struct StudyFile {
     pub vary: Vec<Varied>,
     /// Changes of each combination that give its reference run; empty for no comparison.
     pub reference: Vec<StudyChange>,
+    /// The folder with a folder for each subject.
+    subjects: Option<PathBuf>,
     /// Changes from the command line, applied after those of `set`.
     more: Vec<String>,
     /// What paths of the scene may begin with.
@@ -175,9 +181,21 @@ impl StudyFile {
             .get("combine")
             .map_or(Ok(Combine::All), |item| combine(&item))?;
         let set = changes(&root, "set")?;
-        let vary_item = root.need("vary", "{ \"KEY\" = [VALUE, VALUE] }` or a section `[vary]")?;
-        let vary = varied(&vary_item, combine, &set)?;
-        count(&vary_item, combine, &vary)?;
+        let subjects = root.get("subjects").map(|item| subjects(&item, folder));
+        let (subjects, first) = match subjects.transpose()? {
+            Some((path, varied)) => (Some(path), Some(varied)),
+            None => (None, None),
+        };
+        let mut vary: Vec<Varied> = first.into_iter().collect();
+        // A population needs no other varied key.
+        if vary.is_empty() || root.get("vary").is_some() {
+            let item = root.need("vary", "{ \"KEY\" = [VALUE, VALUE] }` or a section `[vary]")?;
+            vary.extend(varied(&item, combine, &set)?);
+        }
+        let counted = root.get("vary").or_else(|| root.get("subjects"));
+        if let Some(item) = &counted {
+            count(item, combine, &vary)?;
+        }
         let span_of = |key: &str| root.get(key).map_or(0..0, |item| item.node.span.clone());
         let study = Self {
             name,
@@ -190,6 +208,7 @@ impl StudyFile {
             combine,
             set,
             reference: changes(&root, "reference")?,
+            subjects,
             more: more.to_vec(),
             variables,
             written: find(&scene, folder)?,
@@ -252,10 +271,20 @@ impl StudyFile {
     fn parsed(&self, changes: &[&StudyChange]) -> Read<Content> {
         let mut overrides: Vec<String> = self.set.iter().map(StudyChange::text).collect();
         overrides.extend(self.more.iter().cloned());
-        overrides.extend(changes.iter().map(|c| c.text()));
+        let is_subject = |c: &&StudyChange| self.subjects.is_some() && c.key == SUBJECT;
+        overrides.extend(changes.iter().filter(|c| !is_subject(c)).map(|c| c.text()));
+        // Without a choice, the first subject stands for all.
+        let chosen = changes.iter().copied().find(is_subject);
+        let chosen = chosen.or_else(|| self.vary.first()?.values.first());
+        let subject = self.subjects.as_ref().zip(chosen);
+        let subject = subject.map(|(folder, change)| folder.join(&change.value).into_os_string());
+        let variable = |name: &str| match &subject {
+            Some(path) if name.eq_ignore_ascii_case(SUBJECT) => Some(path.clone()),
+            _ => (self.variables)(name),
+        };
         let Written { text, name, folder } = &self.written;
         let surroundings = Surroundings {
-            variable: &self.variables,
+            variable: &variable,
             overrides: &overrides,
             ..Surroundings::of(folder)
         };
@@ -319,6 +348,44 @@ impl StudyFile {
         }
         Ok(())
     }
+}
+
+/// The folder of subjects, and the varied key with their names: those of the folders in it.
+fn subjects(item: &Item<'_>, folder: &Path) -> Read<(PathBuf, Varied)> {
+    let text = item.text("subjects")?;
+    let path = std::path::absolute(folder.join(text)).unwrap_or_else(|_| folder.join(text));
+    let unreadable = |e: std::io::Error| {
+        item.error(SceneProblem::MissingFile {
+            path: shown_path(&path),
+            reason: Some(e.to_string()),
+            hint: "name a folder that has a folder for each subject; it is relative to that of the study",
+        })
+    };
+    let mut names = Vec::new();
+    for entry in std::fs::read_dir(&path).map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        // A hidden folder is none of a subject.
+        if entry.path().is_dir() && !name.starts_with('.') {
+            names.push(name);
+        }
+    }
+    names.sort();
+    if names.is_empty() {
+        return item.fail(SceneProblem::EmptyList {
+            expected: format!("a folder for each subject in {}", shown_path(&path)),
+        });
+    }
+    let value = |name: String| StudyChange {
+        key: SUBJECT.to_owned(),
+        value: name,
+        span: item.node.span.clone(),
+    };
+    let varied = Varied {
+        key: SUBJECT.to_owned(),
+        values: names.into_iter().map(value).collect(),
+    };
+    Ok((path, varied))
 }
 
 /// The text of the scene: a file beside the study, otherwise a built-in scene.

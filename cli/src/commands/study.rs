@@ -67,6 +67,9 @@ pub(super) struct Arguments {
     /// times
     #[arg(long, value_name = "KEY", conflicts_with = "shard")]
     only: Vec<String>,
+    /// Run only this row of the list, from 0, and read no other scene; may be given several times
+    #[arg(long, value_name = "N", conflicts_with_all = ["shard", "only"])]
+    row: Vec<usize>,
 }
 
 /// Part `index`, from 1, of `of` parts.
@@ -89,17 +92,21 @@ fn shard(text: &str) -> Result<Shard, String> {
 }
 
 impl Arguments {
-    /// The combinations of `--shard` or `--only`; `None` for all.
-    fn part(&self, study: &Combinations) -> Result<Option<Vec<usize>>, Failure> {
+    /// The rows of `--shard` or `--row`; `None` for all.
+    fn rows(&self, file: &StudyFile) -> Result<Option<Vec<usize>>, Failure> {
+        let count = Combinations::count(file);
         if let Some(Shard { index, of }) = self.shard {
-            // Longest first and dealt in turn, so that parts take about equally long.
-            let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
-            let mut order: Vec<usize> = (0..study.all.len()).collect();
-            order.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
-            return Ok(Some(
-                order.into_iter().skip(index - 1).step_by(of).collect(),
-            ));
+            return Ok(Some((index - 1..count).step_by(of).collect()));
         }
+        if let Some(row) = self.row.iter().find(|row| **row >= count) {
+            let message = format!("--row: no row {row} in a study of {count} combinations");
+            return Err(Failure::usage(message, "rows count from 0"));
+        }
+        Ok((!self.row.is_empty()).then(|| self.row.clone()))
+    }
+
+    /// The combinations of `--only`; `None` for all.
+    fn named(&self, study: &Combinations) -> Result<Option<Vec<usize>>, Failure> {
         if self.only.is_empty() {
             return Ok(None);
         }
@@ -155,17 +162,18 @@ fn part_of(
             "runs": part.len(),
             "found": part.len() - selected.len(),
             "computed": selected.len() - undone,
-            "left_in_study": left.len(),
+            "left": left.len(),
+            "keys": part.iter().map(|&k| study.all[k].name()).collect::<Vec<_>>(),
             "host": host(),
             "library": pliant::DIGEST,
         }),
         interrupted: undone > 0 && stop.load(Ordering::Relaxed),
         time_s: begun.elapsed().as_secs_f64(),
         text: format!(
-            "{}: {} runs of this part are finished, {} runs of the study are left\n",
+            "{}: {} of {} runs of this part are finished\n",
             study.name,
             part.len() - undone,
-            left.len()
+            part.len()
         ),
         ..RunOutput::default()
     };
@@ -190,18 +198,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         &findings::names(),
         environment::variable,
     )?;
-    let study = Combinations::of(&file)?;
+    let rows = arguments.rows(&file)?;
+    let study = Combinations::of_rows(&file, rows.as_deref())?;
     let name = study.name.strip_suffix("-study").unwrap_or(&study.name);
     let path = arguments.output.folder(name, "study");
     let mut pending = missing(&study, (!arguments.fresh).then_some(path.as_path()));
-    if arguments.shard.is_none() && arguments.only.is_empty() {
+    let part = match rows {
+        Some(_) => Some((0..study.all.len()).collect()),
+        None => arguments.named(&study)?,
+    };
+    if part.is_none() {
         study.check(&file, &study.covering())?;
     }
     if arguments.dry_run {
         let output = list(&study, &pending, threads);
         return Ok(arguments.output.printing.finish(output));
     }
-    if let Some(part) = arguments.part(&study)? {
+    if let Some(part) = part {
+        let part: Vec<usize> = part;
         let selected: Vec<usize> = pending.into_iter().filter(|k| part.contains(k)).collect();
         study.check(&file, &selected)?;
         return part_of(
@@ -269,6 +283,7 @@ fn list(study: &Combinations, pending: &[usize], threads: usize) -> RunOutput<'s
     let row = |(k, c): (usize, &Combination)| {
         json!({
             "key": c.name(),
+            "row": c.row,
             "label": c.label,
             "run": c.role.name(),
             "state": state(k),

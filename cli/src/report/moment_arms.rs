@@ -337,16 +337,21 @@ fn verdicts(running: &SweepRun, arms: &[Arms]) -> Vec<Verdict> {
         let moved = "the muscle moves without being stopped";
         all.push(Verdict::new(moved, m.stopped.is_none()).at(at));
         all.extend(across_check(&running.simulation, body, &m.name));
-        let mut say = |verdict: Verdict| all.push(verdict.at(m.name.as_str()));
         let unconverged = Verdict::none("angles that did not converge", m.unconverged);
-        say(unconverged.else_do("forces, volume or depth are above their tolerances there; turn by smaller steps (`--step`)"));
-        if let Some(off) = arms.off_straight() {
-            let name = "difference from straight lines that no bone blocks, relative to their greatest moment arm";
-            let cure = "look at the pictures: wrong ends, or a muscle that folds";
-            say(Verdict::at_most(name, off, OFF_STRAIGHT).else_do(cure));
-        }
+        let cure = "forces, volume or depth are above their tolerances there; turn by smaller steps (`--step`)";
+        all.push(unconverged.at(m.name.as_str()).else_do(cure));
+        all.extend(straight_verdict(arms.off_straight(), &m.name));
     }
     all
+}
+
+/// Whether a muscle bends away from nothing.
+fn straight_verdict(off: Option<f64>, muscle: &str) -> Option<Verdict> {
+    let name =
+        "difference from straight lines that no bone blocks, relative to their greatest moment arm";
+    let cure = "look at the pictures: wrong ends, or a muscle that folds";
+    let verdict = Verdict::at_most(name, off?, OFF_STRAIGHT);
+    Some(verdict.at(muscle).else_do(cure))
 }
 
 /// A row for each muscle and angle.

@@ -86,6 +86,8 @@ pub struct Combination {
     pub key: String,
     /// Index of its reference run.
     pub reference: Option<usize>,
+    /// Its row in the list of all choices of values; `None` for a reference.
+    pub row: Option<usize>,
 }
 
 impl Combination {
@@ -163,16 +165,40 @@ impl Combinations {
     /// # Errors
     /// The first combination that cannot run, at its value in the study file.
     pub fn of(file: &StudyFile) -> Result<Self, SceneError> {
-        let choices = choices(file);
+        Self::of_rows(file, None)
+    }
+
+    /// Number of combinations of a study, without references.
+    pub fn count(file: &StudyFile) -> usize {
+        choices(file).len()
+    }
+
+    /// The same as [`Self::of`] for some rows only, each with its reference. Other scenes are not
+    /// read, except where the study names no frames: those follow from all scenes.
+    ///
+    /// # Errors
+    /// See [`Self::of`].
+    pub fn of_rows(file: &StudyFile, rows: Option<&[usize]>) -> Result<Self, SceneError> {
+        let mut choices = choices(file);
         let short = short_names(file);
-        let scenes: Vec<Content> = choices
-            .par_iter()
-            .map(|c| file.scene_with(&given(c)))
-            .collect::<Result<_, _>>()?;
+        let read = |all: &[Choice<'_>]| -> Result<Vec<Content>, SceneError> {
+            all.par_iter().map(|c| file.scene_with(&given(c))).collect()
+        };
+        let mut frames = file.frames.clone();
+        if let Some(rows) = rows {
+            if frames.is_none() {
+                frames = Some(looked_at(&read(&choices)?));
+            }
+            choices = rows
+                .iter()
+                .filter_map(|&row| choices.get(row).cloned())
+                .collect();
+        }
+        let scenes = read(&choices)?;
         let scene_name = scenes.first().map(|s| s.name().to_owned());
         let mut meshes = Meshes::default();
         let mut contents = Contents::default();
-        let frames = file.frames.clone().unwrap_or_else(|| looked_at(&scenes));
+        let frames = frames.unwrap_or_else(|| looked_at(&scenes));
         let mut made = Making {
             file,
             frames: &frames,
@@ -182,16 +208,18 @@ impl Combinations {
         let mut all: Vec<Combination> = Vec::new();
         let mut notes = Vec::new();
         let mut same: HashMap<String, usize> = HashMap::new();
-        for (choice, scene) in choices.iter().zip(scenes) {
-            let found = made.make(
+        for (place, (choice, scene)) in choices.iter().zip(scenes).enumerate() {
+            let mut found = made.make(
                 Role::Combination,
                 label(&short, choice),
                 choice,
                 &given(choice),
                 scene,
             )?;
+            found.row = Some(rows.map_or(place, |rows| rows[place]));
             // A single value that the scene already has gives the scene itself.
             if file.combine == Combine::OneAtATime
+                && rows.is_none()
                 && let Some(base) = all.first_mut().filter(|base| base.key == found.key)
             {
                 base.values
@@ -214,10 +242,13 @@ impl Combinations {
             }
             all.push(found);
         }
-        name_base(&mut all, &short, file.combine);
+        if rows.is_none() {
+            name_base(&mut all, &short, file.combine);
+        }
         if !file.reference.is_empty() {
             let chosen = choices.iter().map(|c| given(c)).collect::<Vec<_>>();
-            made.references(&mut all, &chosen)?;
+            let merged = file.combine == Combine::OneAtATime && rows.is_none();
+            made.references(&mut all, &chosen, merged)?;
         }
         check_measures(file, &all)?;
         let varied = file.vary.iter().map(|v| v.key.clone()).zip(short).collect();
@@ -416,6 +447,7 @@ impl Making<'_> {
             subject,
             key,
             reference: None,
+            row: None,
         })
     }
 
@@ -424,13 +456,14 @@ impl Making<'_> {
         &mut self,
         all: &mut Vec<Combination>,
         chosen: &[Vec<&StudyChange>],
+        merged: bool,
     ) -> Result<(), SceneError> {
         let none = vec![None; self.file.vary.len()];
         let mut known: HashMap<String, usize> = HashMap::new();
         // Rows that were merged with the first have the same reference.
-        let rows: Vec<(usize, &Vec<&StudyChange>)> = match self.file.combine {
-            Combine::All => chosen.iter().enumerate().collect(),
-            Combine::OneAtATime => {
+        let rows: Vec<(usize, &Vec<&StudyChange>)> = match merged {
+            false => chosen.iter().enumerate().collect(),
+            true => {
                 let text = |c: &StudyChange| (c.key.clone(), c.value.clone());
                 let of = |row: &Combination| {
                     let set = self

@@ -445,3 +445,65 @@ fn parts_of_a_study() {
         assert!(text(&done.stderr).contains(says), "{}", text(&done.stderr));
     }
 }
+
+/// A population: a folder of subjects through one scene, in one table; a row reads its own scene only.
+#[test]
+fn a_population_through_one_scene() {
+    let scratch = Scratch::folder();
+    let scene = SCENE.replace("mesh = \"muscle.obj\"", "mesh = \"$SUBJECT/muscle.obj\"");
+    fs::write(scratch.join("scene.toml"), scene).expect("written");
+    for (name, size) in [("anna", "1"), ("bert", "1.5"), (".hidden", "9")] {
+        let folder = scratch.join("people").join(name);
+        fs::create_dir_all(&folder).expect("a folder");
+        fs::write(
+            folder.join("muscle.obj"),
+            MESH.replace("v 0 0 1", &format!("v 0 0 {size}")),
+        )
+        .expect("written");
+    }
+    let text = "scene = \"scene.toml\"\nframes = [0, 12]\nsubjects = \"people\"\nmeasures = [\"distance_from_start_rms_m\"]\n\
+                [vary]\n\"solver.pbd.iterations\" = [1, 3]\n";
+    let file = scratch.join("s.toml");
+    fs::write(&file, text).expect("written");
+    let out = scratch.join("out");
+    study(shown(&file), &out, &["--lenient"]);
+    let table = fs::read_to_string(out.join("study.csv")).expect("a table");
+    assert_eq!(table.lines().count(), 5, "{table}");
+    assert!(
+        table.contains("anna") && table.contains("bert") && !table.contains("hidden"),
+        "{table}"
+    );
+    // Without another varied key.
+    fs::write(&file, text.split("[vary]").next().expect("a part")).expect("written");
+    let alone = scratch.join("alone");
+    study(shown(&file), &alone, &["--lenient", "--row", "1"]);
+    assert_eq!(names_in(&alone.join("runs")).len(), 1);
+    // A row needs no files of the others.
+    fs::remove_file(scratch.join("people/anna/muscle.obj")).expect("removed");
+    study(
+        shown(&file),
+        &scratch.join("bert"),
+        &["--lenient", "--row", "1"],
+    );
+    for (change, says) in [
+        ("people", "muscle.obj"),
+        ("nobody", "a folder for each subject"),
+        ("people/bert", "a folder for each subject"),
+    ] {
+        fs::write(&file, text.replace("people", change)).expect("written");
+        let done = pliant()
+            .args(["study", shown(&file), "--out", shown(&out)])
+            .output()
+            .expect("run");
+        assert_eq!(done.status.code(), Some(2), "{change}");
+        assert!(
+            text_of(&done).contains(says),
+            "{change}: {}",
+            text_of(&done)
+        );
+    }
+}
+
+fn text_of(done: &std::process::Output) -> String {
+    text(&done.stderr)
+}

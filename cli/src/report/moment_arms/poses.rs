@@ -6,7 +6,7 @@ use serde_json::json;
 use super::super::output::{DataFile, OutputFile, Plot, RunOutput, Verdict};
 use super::super::{LinePlot, Table};
 use super::opensim::{self, Fitted};
-use super::{across_check, encoded, explanations};
+use super::{across_check, encoded, explanations, straight_verdict};
 use pliant::fibres::length;
 use pliant::format::number;
 use pliant::io::file_name;
@@ -154,7 +154,7 @@ pub fn output_of_poses<'a>(
         name: posed.scene.clone(),
         measures,
         findings,
-        verdicts: verdicts(running),
+        verdicts: verdicts(posed, running),
         notes,
         interrupted: posed.interrupted,
         time_s: posed.time_s,
@@ -179,7 +179,7 @@ pub fn output_of_poses<'a>(
 }
 
 /// Whether each muscle was moved through all poses.
-fn verdicts(running: &SweepRun) -> Vec<Verdict> {
+fn verdicts(posed: &Posed, running: &SweepRun) -> Vec<Verdict> {
     let mut all = Vec::new();
     for (body, m) in running.muscles.iter().enumerate() {
         let at = match &m.stopped {
@@ -193,6 +193,7 @@ fn verdicts(running: &SweepRun) -> Vec<Verdict> {
         all.push(unconverged.at(m.name.as_str()).else_do(
             "forces, volume or depth are above their tolerances there; choose smaller ranges",
         ));
+        all.extend(straight_verdict(posed.set.off_straight(m), &m.name));
     }
     all
 }
