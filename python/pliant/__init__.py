@@ -64,7 +64,10 @@ __all__ = [
 
 def main() -> int:
     """The command line `pliant` of this package."""
+    import signal
     import sys
+
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
     from . import _pliant
 

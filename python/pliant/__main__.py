@@ -18,6 +18,8 @@ def die_with(parent: int) -> None:
         sys.exit(1)
 
 
+# Python's own handler would wait for the end of the command. Commands that close their files have handlers of their own.
+signal.signal(signal.SIGINT, signal.SIG_DFL)
 if os.environ.get("PLIANT_PARENT"):
     die_with(int(os.environ.pop("PLIANT_PARENT")))
 sys.exit(main())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -19,6 +20,10 @@ from . import _pliant
 _PLACED = re.compile(r"^(?P<file>.*?)(?::(?P<line>\d+))?(?::(?P<column>\d+))?: error\[(?P<code>E\d+)\]: ", re.MULTILINE)
 #: Exit codes that have results: done, and a check that failed.
 _WITH_RESULTS = (0, 1)
+
+
+class Killed(_pliant.PliantError):
+    """A signal ended the process of a command, as where memory runs out."""
 
 
 class Result:
@@ -105,7 +110,14 @@ def command(
     words = [sys.executable, "-m", "pliant", *map(_text, arguments)]
     environment = {**os.environ, "PLIANT_PARENT": str(os.getpid())} if bound else None
     process = subprocess.Popen(
-        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True, env=environment
+        words,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        # A name of a file can have any bytes.
+        encoding="utf-8",
+        errors="replace",
+        start_new_session=True,
+        env=environment,
     )
     notes: list[str] = []
     printed: list[str] = []
@@ -115,7 +127,9 @@ def command(
         for line in process.stderr:
             notes.append(line)
             if progress:
-                sys.stderr.write(line)
+                # What cannot be shown must not stop the command, which waits for its reader.
+                with contextlib.suppress(Exception):
+                    sys.stderr.write(line)
 
     def collect() -> None:
         assert process.stdout is not None
@@ -138,6 +152,9 @@ def command(
     text = "".join(notes)
     if code in (130, 143):
         raise KeyboardInterrupt
+    if code < 0:
+        name = signal.Signals(-code).name
+        raise Killed(f"{name} ended the command {words[3]}; where memory ran out, give it more, or run fewer at once")
     if code not in _WITH_RESULTS:
         raise _error(text)
     return subprocess.CompletedProcess(words, code, "".join(printed), text)

@@ -12,13 +12,16 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Mapping
+import uuid
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from . import _pliant
-from ._commands import Result, _option, _result, command
+from ._commands import Killed, Result, _option, _result, command
 
+#: File systems that show a file when it is complete.
+OBJECT_STORES = frozenset(["s3", "s3a", "gs", "gcs", "abfs", "az", "adl", "oci", "memory"])
 #: How often a combination is begun again whose worker died under it.
 MOST_RESTARTS = 20
 
@@ -74,9 +77,6 @@ class Study:
         return _result("study", [self.file], options, progress)
 
     def _distribute(self, client: Any, out: Path, store: str | None, threads: int, progress: bool) -> None:
-        from distributed import as_completed
-        from distributed.scheduler import KilledWorker
-
         kept = _Store(store) if store is not None else None
         runs = out / "runs"
         runs.mkdir(parents=True, exist_ok=True)
@@ -91,9 +91,11 @@ class Study:
         longest = sorted(rows.values(), key=lambda row: -row["expected_s"])
         words = self._words()
         restarts: dict[str, int] = {}
+        # A client that still holds a task of an earlier call, such as one that failed, would return its old result.
+        call = uuid.uuid4().hex[:8]
 
         def submit(key: str) -> Any:
-            name = key if restarts.get(key, 0) == 0 else f"{key}-{restarts[key]}"
+            name = f"{key}-{call}-{restarts.get(key, 0)}"
             return client.submit(
                 run_one, words, (rows[key]["row"], key), str(out), store, threads, _pliant.DIGEST, key=name, pure=False, retries=0
             )
@@ -101,17 +103,36 @@ class Study:
         of = {}
         for row in longest:
             of[submit(row["key"])] = row["key"]
+        try:
+            self._follow(of, rows, restarts, submit, progress)
+        finally:
+            # After an error or Ctrl-C the rest would go on.
+            client.cancel(list(of))
+        if kept is not None:
+            kept.fetch(runs, [row["key"] for row in self.runs(out) if row["state"] != "finished"])
+
+    def _follow(
+        self,
+        of: dict[Any, str],
+        rows: dict[str, dict[str, Any]],
+        restarts: dict[str, int],
+        submit: Callable[[str], Any],
+        progress: bool,
+    ) -> None:
+        """Waits for all tasks, and begins those again whose worker or process died."""
+        from distributed import as_completed
+        from distributed.scheduler import KilledWorker
+
         results = as_completed(list(of))  # type: ignore[no-untyped-call]
         done = 0
         for future in results:
             key = of.pop(future)
             error = future.exception() if future.status == "error" else None
-            lost = isinstance(error, KilledWorker) or future.status in ("lost", "cancelled")
-            if lost:
+            if isinstance(error, (KilledWorker, Killed)) or future.status in ("lost", "cancelled"):
                 # The scheduler gives up a task whose workers died three times; the store knows better.
                 restarts[key] = restarts.get(key, 0) + 1
                 if restarts[key] > MOST_RESTARTS:
-                    message = f"{rows[key]['label']}: its worker died {restarts[key]} times; does it need more memory than workers have?"
+                    message = f"{rows[key]['label']}: its worker or its process was killed {restarts[key]} times; does it need more memory?"
                     raise _pliant.PliantError(message)
                 again = submit(key)
                 of[again] = key
@@ -122,8 +143,6 @@ class Study:
             done += 1
             if progress:
                 print(f"[{done}/{len(rows)}] {rows[key]['label']} on {future.result()['host']}")
-        if kept is not None:
-            kept.fetch(runs, [row["key"] for row in self.runs(out) if row["state"] != "finished"])
 
     def __repr__(self) -> str:
         return f"<pliant.Study {self.file.name}>"
@@ -162,7 +181,11 @@ def run_one(
     try:
         arguments = ["study", *words, f"--row={number}", "--json", f"--out={folder}", f"--threads={threads}"]
         begun = time.monotonic()
-        summary = json.loads(command(*arguments, bound=True).stdout)["study_part"]
+        try:
+            summary = json.loads(command(*arguments, bound=True).stdout)["study_part"]
+        except KeyboardInterrupt:
+            # A worker that is told to end, as by its batch system, ends its process in the same way.
+            raise Killed("the process of the run was told to end") from None
         if key not in summary["keys"]:
             message = "the worker reads another scene or other files than the client: the paths of a study must be the same on both"
             raise _pliant.PliantError(message)
@@ -188,27 +211,29 @@ class _Store:
         return f"{self.root.rstrip('/')}/{key}.json"
 
     def has(self, key: str) -> bool:
+        """True if the whole result is there: a file system can hold a part of one."""
         self.files.invalidate_cache()
-        return bool(self.files.exists(self._path(key)))
+        try:
+            return "key" in json.loads(self.files.cat_file(self._path(key)))
+        except (OSError, ValueError):
+            return False
 
     def put(self, file: Path, key: str) -> None:
-        """Writes a result. Object stores show it when it is complete; a file system needs a rename."""
+        """Writes a result. Object stores show it when it is complete; other systems need a rename."""
         target = self._path(key)
-        part = f"{target}.{os.getpid()}-{time.time_ns()}"
-        atomic = "file" not in self.files.protocol and "local" not in self.files.protocol
+        protocols = self.files.protocol if isinstance(self.files.protocol, (list, tuple)) else [self.files.protocol]
         self.files.makedirs(self.root, exist_ok=True)
-        if atomic:
+        if OBJECT_STORES.intersection(protocols):
             self.files.put_file(str(file), target)
             return
+        part = f"{target}.{os.getpid()}-{time.time_ns()}"
         self.files.put_file(str(file), part)
         self.files.mv(part, target)
 
     def fetch(self, folder: Path, keys: list[str]) -> None:
-        """Copies the results of these keys into a folder."""
-        self.files.invalidate_cache()
+        """Copies the results of these keys into a folder, also over files that are damaged."""
         for key in keys:
-            target = folder / f"{key}.json"
-            if not target.exists() and self.files.exists(self._path(key)):
+            if self.has(key):
                 part = folder / f"{key}.{os.getpid()}"
                 self.files.get_file(self._path(key), str(part))
-                part.replace(target)
+                part.replace(folder / f"{key}.json")

@@ -201,3 +201,31 @@ def test_importing_is_quick() -> None:
     times = [float(subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout) for _ in range(3)]
     # Not a timed test of speed: ten times the time that it takes.
     assert min(times) < 3.0, times
+
+
+def test_a_killed_command_says_so(tmp_path: Path) -> None:
+    from pliant._commands import Killed
+
+    def kill() -> None:
+        children = Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children")
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline:
+            for pid in children.read_text().split() if children.exists() else []:
+                os.kill(int(pid), signal.SIGKILL)
+                return
+            time.sleep(0.05)
+
+    if not Path(f"/proc/{os.getpid()}/task/{os.getpid()}/children").exists():
+        pytest.skip("the system does not list processes")
+    killer = threading.Timer(1.0, kill)
+    killer.start()
+    with pytest.raises(Killed, match="SIGKILL"):
+        pliant.run("hip", frames=10000, out=tmp_path / "hip")
+    killer.join()
+
+
+def test_ctrl_c_ends_a_command_without_a_handler() -> None:
+    child = subprocess.Popen([sys.executable, "-m", "pliant", "plan", "hip"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    time.sleep(0.5)
+    child.send_signal(signal.SIGINT)
+    assert child.wait(timeout=30) != 2

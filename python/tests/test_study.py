@@ -75,14 +75,19 @@ def test_a_store_keeps_whole_files(study: pliant.Study, tmp_path: Path) -> None:
     pytest.importorskip("fsspec")
     store = _Store(f"file://{tmp_path / 'store'}")
     file = tmp_path / "a.json"
-    file.write_text("{}")
+    file.write_text('{"key": ""}')
     assert not store.has("a")
     store.put(file, "a")
     store.put(file, "a")
     assert store.has("a") and [p.name for p in (tmp_path / "store").iterdir()] == ["a.json"]
     (tmp_path / "runs").mkdir()
+    # A damaged copy is replaced, and a part of a result in the store does not count.
+    (tmp_path / "runs" / "a.json").write_text("{")
+    (tmp_path / "store" / "b.json").write_text('{"key')
+    assert not store.has("b")
     store.fetch(tmp_path / "runs", ["a", "b"])
     assert [p.name for p in (tmp_path / "runs").iterdir()] == ["a.json"]
+    assert (tmp_path / "runs" / "a.json").read_text() == file.read_text()
 
 
 def cluster(workers: int = 2) -> Any:

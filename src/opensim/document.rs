@@ -9,6 +9,9 @@ use crate::spelling::shown;
 /// Greatest number of nodes of a document: models have some 10^4.
 const MOST_NODES: u32 = 4_000_000;
 
+/// Greatest depth of nested elements: models have some 20.
+const DEEPEST: usize = 100;
+
 /// Error of a model, a motion or a set of paths of OpenSim, with its place.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{file}:{}{message}", place(*line, *column))]
@@ -174,6 +177,10 @@ impl<'a> Parsed<'a> {
             return Err(root.error(NOT_XML, message));
         }
         let version = root.node.attribute("Version").unwrap_or_default();
+        if let Some(deep) = parsed.too_deep() {
+            let message = format!("elements are nested deeper than {DEEPEST}");
+            return Err(deep.error(NOT_XML, message));
+        }
         match version.trim().parse::<u64>() {
             Ok(number) if number >= 40_000 => Ok(parsed),
             Ok(_) => {
@@ -182,6 +189,23 @@ impl<'a> Parsed<'a> {
             }
             Err(_) => Err(root.error(MALFORMED, "the document has no version")),
         }
+    }
+
+    /// The first element that is nested too deep. Elements stand in the order of the file, so that the
+    /// ends of those that are open tell the depth.
+    fn too_deep(&self) -> Option<Element<'_>> {
+        let mut open: Vec<usize> = Vec::new();
+        for node in self.document.descendants().filter(|n| n.is_element()) {
+            let range = node.range();
+            while open.last().is_some_and(|end| *end <= range.start) {
+                open.pop();
+            }
+            open.push(range.end);
+            if open.len() > DEEPEST {
+                return Some(self.root().with(node));
+            }
+        }
+        None
     }
 
     pub(super) fn root(&self) -> Element<'_> {
@@ -225,11 +249,15 @@ impl<'p> Element<'p> {
 
     /// Elements inside at any depth that are components: those of `<defaults>` are not.
     pub(super) fn components(self) -> impl Iterator<Item = Self> {
-        let in_defaults = |e: &Self| {
-            let mut above = e.node.ancestors();
-            above.any(|n| n.tag_name().name() == "defaults")
-        };
-        self.descendants().filter(move |e| !in_defaults(e))
+        let mut skipped = 0;
+        self.descendants().filter(move |e| {
+            let range = e.range();
+            let is_component = range.start >= skipped;
+            if is_component && e.tag() == "defaults" {
+                skipped = range.end;
+            }
+            is_component
+        })
     }
 
     pub(super) fn parent(self) -> Option<Self> {

@@ -1,19 +1,22 @@
 //! The bones of a scene as bodies of a model.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::document::{MALFORMED, ModelError};
-use super::model::{Model, ModelMuscle};
+use super::model::{Model, ModelJoint, ModelMuscle};
 use crate::encode::{Encode, Encoder};
 
 /// Turn that shows the axis of a coordinate \[rad\].
 const SMALL_TURN: f64 = 0.1;
+/// Greatest angle between the axis of a joint of the scene and that of the model \[rad\].
+const OTHER_AXIS: f64 = 0.35;
 /// Least sine of the angle between an axis and the upward direction.
 const LEAST_ACROSS: f64 = 0.1;
 
-/// A bone of a scene: the index of its body, and the place of the joint between this body and its
-/// parent in the scene [m], if it is known.
-pub(crate) type DrivenBone = (usize, Option<Point3<f64>>);
+/// Centre [m] and axis of a joint of a scene.
+type Joint = (Point3<f64>, Vector3<f64>);
 
 /// A model that moves the bones of a scene.
 ///
@@ -31,6 +34,8 @@ pub struct ModelDrive {
     pub bones: Vec<Option<usize>>,
     /// Values of all coordinates where the meshes are \[rad or m\].
     pub rest: Vec<f64>,
+    /// What a user of the result must know.
+    pub notes: Vec<String>,
     /// Joints between driven bodies, each after the one of its parent.
     links: Vec<Link>,
 }
@@ -50,54 +55,47 @@ struct Link {
 }
 
 impl ModelDrive {
-    /// A model with the bones that it moves. `forward` and `up` are the directions of the model's
-    /// x and y in the scene.
+    /// A model with the bones that it moves: the body of each, or `None`. `places` are the places of
+    /// joints in the scene [m], by their child bodies. `forward` and `up` are the directions of the
+    /// model's x and y in the scene.
     ///
     /// # Errors
     /// No bone, or fewer than two bodies: nothing would move.
     pub fn new(
         model: Model,
-        bones: &[Option<DrivenBone>],
+        bones: Vec<Option<usize>>,
+        places: &BTreeMap<usize, Point3<f64>>,
         rest: Vec<f64>,
         [forward, up]: [Vector3<f64>; 2],
     ) -> Result<Self, ModelError> {
-        let bodies: Vec<usize> = bones.iter().flatten().map(|(body, _)| *body).collect();
+        let bodies: Vec<usize> = bones.iter().flatten().copied().collect();
         let root = model.common(&bodies);
         let poses = model.poses(&rest);
         let axes = [forward, up, forward.cross(&up)];
         let turned = Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_columns(&axes));
         let turned = UnitQuaternion::from_rotation_matrix(&turned);
-        let joint_of = |body: usize| model.joints.iter().position(|j| j.child == body);
-        let place = |joint: usize| {
-            let joint = &model.joints[joint];
-            poses[joint.child] * joint.frames[1] * Point3::origin()
+        let place = |joint: &ModelJoint| poses[joint.child] * joint.frames[1] * Point3::origin();
+        let moves = |joint: &&ModelJoint| {
+            let carries = bodies.iter().any(|b| model.hangs_on(*b, joint.child));
+            carries && joint.child != root && model.hangs_on(joint.child, root)
         };
+        let moving: Vec<&ModelJoint> = model.joints.iter().filter(moves).collect();
         // The first joint with a known place puts the model there.
-        let known = bones.iter().flatten().find_map(|&(body, at)| {
-            let joint = joint_of(body).filter(|_| body != root)?;
-            at.map(|at| at - turned * place(joint).coords)
+        let known = moving.iter().find_map(|joint| {
+            let at = places.get(&joint.child)?;
+            Some(at - turned * place(joint).coords)
         });
         let shift = known.map_or(Vector3::zeros(), |at: Point3<f64>| at.coords);
         let mut links: Vec<Link> = Vec::new();
-        for (k, joint) in model.joints.iter().enumerate() {
-            let carries = bodies.iter().any(|b| model.hangs_on(*b, joint.child));
-            if !carries || joint.child == root || !model.hangs_on(joint.child, root) {
-                continue;
-            }
-            let at = bones
-                .iter()
-                .flatten()
-                .find(|(body, _)| *body == joint.child);
-            let here = turned * place(k) + shift;
-            let moved = at
-                .and_then(|(_, at)| *at)
-                .map_or(Vector3::zeros(), |at| at - here);
+        for joint in moving {
+            let here = turned * place(joint) + shift;
+            let at = places.get(&joint.child);
+            let moved = at.map_or(Vector3::zeros(), |at| at - here);
             let from = Isometry3::from_parts(Translation3::from(shift + moved), turned);
+            let parent = |l: &Link| model.joints[l.joint].child == joint.parent;
             links.push(Link {
-                joint: k,
-                parent: links
-                    .iter()
-                    .position(|l| model.joints[l.joint].child == joint.parent),
+                joint: model.joint_of[joint.child].unwrap_or(0),
+                parent: links.iter().position(parent),
                 into: from.inverse(),
                 around: [poses[joint.parent], poses[joint.child].inverse()],
                 across: joint.across(&rest),
@@ -107,50 +105,46 @@ impl ModelDrive {
             let message = "the bones have no joint between them in the model; name bones of at least two bodies";
             return Err(ModelError::whole("", MALFORMED, message));
         }
+        let notes = model.notes.clone();
         Ok(Self {
-            bones: bones.iter().map(|b| b.map(|(body, _)| body)).collect(),
+            bones,
             model,
             rest,
+            notes,
             links,
         })
     }
 
-    /// A model that moves the bones of a scene about joints of the scene. Each coordinate has the
-    /// place and the axis of its joint there, and the bones that turn about it. The axis of the first
-    /// coordinate and the direction `up` give the model's orientation in the scene.
+    /// A model that moves the bones of a scene about joints of the scene. Each coordinate has a joint
+    /// there, and the bones that turn about it. The axis of the first coordinate and the direction
+    /// `up` give the model's orientation in the scene. Of each other joint only the place counts; its
+    /// axis must agree with that of its first coordinate.
     ///
     /// # Errors
-    /// No coordinate, or one whose axis is upright.
+    /// No coordinate, one whose axis is upright, one that turns nothing, or a joint of the scene about
+    /// another axis than the model's.
     pub fn about_joints(
         model: Model,
-        joints: &[(usize, (Point3<f64>, Vector3<f64>), Vec<bool>)],
+        joints: &[(usize, Joint, Vec<bool>)],
         up: Vector3<f64>,
     ) -> Result<Self, ModelError> {
         let rest = model.defaults();
-        let fail = |message: &str| Err(ModelError::whole("", MALFORMED, message));
-        let of = |coordinate: usize| {
-            model
-                .joints
-                .iter()
-                .find(|j| j.coordinates.contains(&coordinate))
-        };
-        let Some((first, (_, axis), turning)) = joints.first() else {
-            return fail("no coordinate");
-        };
-        let Some(root) = of(*first).map(|joint| joint.parent) else {
-            return fail("no joint has the coordinate");
-        };
-        let mut moved = rest.clone();
-        moved[*first] += SMALL_TURN;
-        let child = of(*first).map_or(0, |joint| joint.child);
-        let [before, after] = [&rest, &moved].map(|values| model.poses(values)[child]);
-        let Some(own) = (after.rotation * before.rotation.inverse()).axis() else {
-            return fail("the coordinate turns nothing");
+        let fail = |message: String| Err(ModelError::whole("", MALFORMED, message));
+        let mut axes = Vec::new();
+        for (coordinate, ..) in joints {
+            let Some((joint, axis)) = model.axis(*coordinate, &rest) else {
+                let name = &model.coordinates[*coordinate].name;
+                return fail(format!("the coordinate `{name}` turns no body"));
+            };
+            axes.push((joint, axis));
+        }
+        let (Some((_, (_, first), turning)), Some((_, own))) = (joints.first(), axes.first())
+        else {
+            return fail("no coordinate".to_owned());
         };
         // The model's axis with its upward direction, and those of the scene.
-        let frames = [(own.into_inner(), Vector3::y()), (*axis, up)].map(|(axis, up)| {
-            let across = up - axis * axis.dot(&up);
-            let across = across.try_normalize(LEAST_ACROSS)?;
+        let frames = [(*own, Vector3::y()), (*first, up)].map(|(axis, up)| {
+            let across = (up - axis * axis.dot(&up)).try_normalize(LEAST_ACROSS)?;
             Some(nalgebra::Matrix3::from_columns(&[
                 axis,
                 across,
@@ -158,23 +152,43 @@ impl ModelDrive {
             ]))
         });
         let [Some(model_frame), Some(scene_frame)] = frames else {
-            return fail(
-                "the axis of the first coordinate is upright, so that it does not tell where the subject looks",
-            );
+            return fail("the axis of the first coordinate is upright, so that it does not tell where the subject looks".to_owned());
         };
         let turned = scene_frame * model_frame.transpose();
-        let mut bones = vec![Some((root, None)); turning.len()];
+        let parents: Vec<usize> = axes
+            .iter()
+            .map(|(joint, _)| model.joints[*joint].parent)
+            .collect();
+        let mut bones = vec![Some(model.common(&parents)); turning.len()];
+        let mut places = BTreeMap::new();
         // A joint stands after the one that carries it.
-        for joint in &model.joints {
-            for (coordinate, (centre, _), turning) in joints {
-                if joint.coordinates.contains(coordinate) {
-                    let all = bones.iter_mut().zip(turning).filter(|(_, turns)| **turns);
-                    all.for_each(|(bone, _)| *bone = Some((joint.child, Some(*centre))));
-                }
+        for k in 0..model.joints.len() {
+            let of = axes.iter().position(|(joint, _)| *joint == k);
+            let Some((at, (_, (centre, axis), turning))) = of.map(|at| (at, &joints[at])) else {
+                continue;
+            };
+            let off = (turned * axes[at].1).angle(axis);
+            if !(off <= OTHER_AXIS) {
+                return fail(format!(
+                    "the joint of the scene for `{}` turns about an axis that is {:.0} degrees from the model's; add a section [opensim] \
+                     to the scene, or give the joint the model's axis",
+                    model.coordinates[joints[at].0].name,
+                    off.to_degrees()
+                ));
             }
+            let child = model.joints[k].child;
+            places.insert(child, *centre);
+            let all = bones.iter_mut().zip(turning).filter(|(_, turns)| **turns);
+            all.for_each(|(bone, _)| *bone = Some(child));
         }
         let axes = [turned * Vector3::x(), turned * Vector3::y()];
-        Self::new(model, &bones, rest, axes)
+        Self::new(model, bones, &places, rest, axes)
+    }
+
+    /// True if the joint of a body moves a bone against another.
+    pub fn uses(&self, body: usize) -> bool {
+        let own = |link: &Link| self.model.joints[link.joint].child == body;
+        self.links.iter().any(own)
     }
 
     /// Number of joints that move bones.
@@ -281,6 +295,7 @@ impl Encode for ModelDrive {
             model,
             bones,
             rest,
+            notes: _,
             links,
         } = self;
         to.field("model", format!("{:032x}", model.hash).as_str());
@@ -292,6 +307,19 @@ impl Encode for ModelDrive {
 }
 
 impl Model {
+    /// The joint of a coordinate, and the axis about which it turns the child body in the ground.
+    fn axis(&self, coordinate: usize, rest: &[f64]) -> Option<(usize, Vector3<f64>)> {
+        let joint = self
+            .joints
+            .iter()
+            .position(|j| j.coordinates.contains(&coordinate))?;
+        let child = self.joints[joint].child;
+        let mut moved = rest.to_vec();
+        moved[coordinate] += SMALL_TURN;
+        let [before, after] = [rest, &moved].map(|values| self.poses(values)[child].rotation);
+        Some((joint, (after * before.inverse()).axis()?.into_inner()))
+    }
+
     /// True if a body is `other`, or is connected to it through joints towards the ground.
     fn hangs_on(&self, body: usize, other: usize) -> bool {
         self.to_ground(body).contains(&other)
@@ -299,7 +327,7 @@ impl Model {
 
     /// A body and all bodies between it and the ground, which is the last.
     fn to_ground(&self, body: usize) -> Vec<usize> {
-        let up = |b: &usize| self.joints.iter().find(|j| j.child == *b).map(|j| j.parent);
+        let up = |b: &usize| Some(self.joints[self.joint_of[*b]?].parent);
         std::iter::successors(Some(body), up).collect()
     }
 

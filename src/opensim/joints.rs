@@ -46,14 +46,24 @@ impl JointKind {
         }
     }
 
-    /// True for a coordinate that is an angle.
-    pub(super) fn turns(&self, coordinate: usize, index: usize) -> bool {
+    /// Whether a coordinate is an angle, and whether tables in degrees have it in degrees. OpenSim
+    /// converts those that turn by themselves: with a slope of 1 or -1.
+    pub(super) fn turns(&self, coordinate: usize, index: usize) -> [bool; 2] {
+        let alone = |axis: &Axis| {
+            let one = matches!(&axis.function, Function::Linear(all) if all.len() == 2 && all[0].abs() == 1.0);
+            one && axis.arguments == [index]
+        };
         match self {
-            Self::Slider => false,
-            Self::Free => coordinate < 3,
-            Self::Planar => coordinate == 0,
-            Self::Custom(axes) => axes[..3].iter().any(|a| a.arguments.contains(&index)),
-            _ => true,
+            Self::Slider => [false; 2],
+            Self::Free => [coordinate < 3; 2],
+            Self::Planar => [coordinate == 0; 2],
+            Self::Custom(axes) => {
+                let converts = axes[..3].iter().any(alone);
+                let slides = axes[3..].iter().any(alone);
+                let turns = axes[..3].iter().any(|a| a.arguments.contains(&index));
+                [converts || turns && !slides, converts]
+            }
+            _ => [true; 2],
         }
     }
 

@@ -21,7 +21,6 @@ mod parameters;
 pub mod paths;
 
 pub use document::ModelError;
-pub(crate) use drive::DrivenBone;
 pub use drive::ModelDrive;
 pub use model::{Coordinate, Model, ModelBody, ModelMesh, ModelMuscle};
 pub use motion::MotionTable;

@@ -27,8 +27,12 @@ pub struct Model {
     pub coordinates: Vec<Coordinate>,
     /// Muscles, with their straight lines between path points.
     pub muscles: Vec<ModelMuscle>,
+    /// What is in the file and does not count here, such as a constraint that closes a loop.
+    pub notes: Vec<String>,
     /// Joints, each after the one of its parent.
     pub(super) joints: Vec<ModelJoint>,
+    /// The joint of each body; `None` for the ground.
+    pub(super) joint_of: Vec<Option<usize>>,
     couplers: Vec<Coupler>,
     /// Hash of the text.
     pub(super) hash: u128,
@@ -67,6 +71,9 @@ pub struct Coordinate {
     pub range: [f64; 2],
     /// True for an angle, false for a length.
     pub is_angle: bool,
+    /// True for an angle that tables in degrees have in degrees. Others, such as one from which a
+    /// spline computes a rotation, are in radians in any table.
+    pub in_degrees: bool,
 }
 
 /// Parameters of a muscle.
@@ -252,8 +259,18 @@ struct Reader<'p> {
     coordinates: Vec<Coordinate>,
     by_name: HashMap<&'p str, usize>,
     coordinate_index: HashMap<&'p str, usize>,
-    /// Frames that are fixed to another frame, by name.
-    offsets: HashMap<&'p str, Element<'p>>,
+    /// Frames by their absolute paths: bodies, and frames that are fixed to another one.
+    frames: HashMap<String, FrameOf<'p>>,
+    /// The paths of frames that end in a name.
+    ends: HashMap<&'p str, Vec<String>>,
+    notes: Vec<String>,
+}
+
+/// A frame: a body, or an element that is fixed to another frame.
+#[derive(Clone, Copy)]
+enum FrameOf<'p> {
+    Body(usize),
+    Offset(Element<'p>),
 }
 
 impl<'p> Reader<'p> {
@@ -264,7 +281,9 @@ impl<'p> Reader<'p> {
             coordinates: Vec::new(),
             by_name: HashMap::from([("ground", 0)]),
             coordinate_index: HashMap::new(),
-            offsets: HashMap::new(),
+            frames: HashMap::from([("/ground".to_owned(), FrameOf::Body(0))]),
+            ends: HashMap::from([("ground", vec!["/ground".to_owned()])]),
+            notes: Vec::new(),
         };
         let ground = model.child("Ground");
         reader.bodies.push(ModelBody {
@@ -283,14 +302,22 @@ impl<'p> Reader<'p> {
                         name: element.name().to_owned(),
                         meshes: meshes(element)?,
                     });
+                    reader.add(element, FrameOf::Body(index));
                 }
-                "PhysicalOffsetFrame" => {
-                    reader.offsets.insert(element.name(), element);
-                }
+                "PhysicalOffsetFrame" => reader.add(element, FrameOf::Offset(element)),
                 _ => {}
             }
         }
         Ok(reader)
+    }
+
+    fn add(&mut self, element: Element<'p>, frame: FrameOf<'p>) {
+        let path = path_of(element);
+        self.ends
+            .entry(element.name())
+            .or_default()
+            .push(path.clone());
+        self.frames.insert(path, frame);
     }
 
     fn finish(mut self) -> Result<Model, ModelError> {
@@ -298,7 +325,13 @@ impl<'p> Reader<'p> {
         self.sort(&mut joints)?;
         let couplers = self.couplers()?;
         let muscles = self.muscles()?;
+        let mut joint_of = vec![None; self.bodies.len()];
+        for (k, (_, joint)) in joints.iter().enumerate() {
+            joint_of[joint.child] = Some(k);
+        }
         Ok(Model {
+            notes: self.notes,
+            joint_of,
             name: self.model.name().to_owned(),
             bodies: self.bodies,
             coordinates: self.coordinates,
@@ -339,7 +372,15 @@ impl<'p> Reader<'p> {
                     default,
                     range: coordinate.numbers_or("range", [f64::NEG_INFINITY, f64::INFINITY])?,
                     is_angle: true,
+                    in_degrees: true,
                 });
+                if coordinate.flag_or("prescribed", false) {
+                    let note = format!(
+                        "the coordinate {} is prescribed in the model, which is left out",
+                        coordinate.name()
+                    );
+                    self.notes.push(note);
+                }
                 own.push(index);
             }
             owned.push(own);
@@ -361,10 +402,11 @@ impl<'p> Reader<'p> {
                 return Err(element.error(MALFORMED, message));
             }
             for (k, &c) in coordinates.iter().enumerate() {
-                self.coordinates[c].is_angle = kind.turns(k, c);
+                let own = &mut self.coordinates[c];
+                [own.is_angle, own.in_degrees] = kind.turns(k, c);
             }
             let [parent, child] = ["socket_parent_frame", "socket_child_frame"]
-                .map(|tag| element.need(tag).and_then(|e| self.frame(e, Some(element))));
+                .map(|tag| element.need(tag).and_then(|e| self.frame(e, element)));
             let ((parent, on_parent), (child, on_child)) = (parent?, child?);
             let joint = ModelJoint {
                 name: element.name().to_owned(),
@@ -379,33 +421,63 @@ impl<'p> Reader<'p> {
         Ok(joints)
     }
 
-    /// The body of a frame that a socket names, and the frame's pose on it.
+    /// The body of a frame that a socket of `owner` names, and the frame's pose on it.
     fn frame(
         &self,
         socket: Element<'p>,
-        joint: Option<Element<'p>>,
+        owner: Element<'p>,
     ) -> Result<(usize, Isometry3<f64>), ModelError> {
         let mut pose = Isometry3::identity();
-        let mut socket = socket;
-        for step in 0..LONGEST_CHAIN {
-            let name = socket.text().rsplit('/').next().unwrap_or_default();
-            // A joint has frames of its own; names need not be unique among joints.
-            let own = joint.filter(|_| step == 0).and_then(|joint| {
-                let mut frames = joint.child("frames")?.children();
-                frames.find(|f| f.name() == name)
-            });
-            let offset = match (own, self.by_name.get(name)) {
-                (Some(own), _) => own,
-                (None, Some(&body)) => return Ok((body, pose)),
-                (None, None) => *self.offsets.get(name).ok_or_else(|| {
-                    let message = format!("no frame or body `{}`", shown(socket.text()));
-                    socket.error(UNKNOWN_NAME, message)
-                })?,
-            };
-            pose = offset_pose(offset)? * pose;
-            socket = offset.need("socket_parent")?;
+        let (mut socket, mut owner) = (socket, owner);
+        for _ in 0..LONGEST_CHAIN {
+            match self.named(socket, owner)? {
+                FrameOf::Body(body) => return Ok((body, pose)),
+                FrameOf::Offset(offset) => {
+                    pose = offset_pose(offset)? * pose;
+                    (socket, owner) = (offset.need("socket_parent")?, offset);
+                }
+            }
         }
         Err(socket.error(MALFORMED, "frames that are fixed to each other in a circle"))
+    }
+
+    /// The frame that a socket names: by an absolute path, by one that is relative to its owner, or by
+    /// a last name that only one frame has.
+    fn named(&self, socket: Element<'p>, owner: Element<'p>) -> Result<FrameOf<'p>, ModelError> {
+        let text = socket.text();
+        let path = if text.starts_with('/') {
+            text.to_owned()
+        } else {
+            let own = path_of(owner);
+            let mut parts: Vec<&str> = own.split('/').skip(1).collect();
+            for part in text.split('/') {
+                match part {
+                    ".." => drop(parts.pop()),
+                    "." | "" => {}
+                    part => parts.push(part),
+                }
+            }
+            format!("/{}", parts.join("/"))
+        };
+        if let Some(frame) = self.frames.get(&path) {
+            return Ok(*frame);
+        }
+        let name = text.rsplit('/').next().unwrap_or_default();
+        match self.ends.get(name).map(Vec::as_slice) {
+            Some([only]) => Ok(self.frames[only]),
+            Some(several) => {
+                let message = format!(
+                    "`{}` can be each of {}",
+                    shown(text),
+                    crate::spelling::listed(several.iter().map(String::as_str))
+                );
+                Err(socket.error(UNKNOWN_NAME, message))
+            }
+            None => {
+                let message = format!("no frame or body `{}`", shown(text));
+                Err(socket.error(UNKNOWN_NAME, message))
+            }
+        }
     }
 
     /// Brings joints into an order in which each stands after the joint of its parent.
@@ -437,7 +509,7 @@ impl<'p> Reader<'p> {
             while depth[at] == usize::MAX {
                 let (_, up) = &joints[of_child[&at]];
                 at = up.parent;
-                if chain.contains(&at) {
+                if chain.len() > self.bodies.len() {
                     return Err(element.error(MALFORMED, "joints that form a circle"));
                 }
                 chain.push(at);
@@ -451,40 +523,74 @@ impl<'p> Reader<'p> {
         Ok(())
     }
 
-    fn couplers(&self) -> Result<Vec<Coupler>, ModelError> {
-        let mut couplers = Vec::new();
-        for element in self.model.components() {
-            if element.tag() != "CoordinateCouplerConstraint"
-                || !element.flag_or("isEnforced", true)
-            {
+    /// The couplers, each after those of its arguments.
+    fn couplers(&mut self) -> Result<Vec<Coupler>, ModelError> {
+        let mut left: Vec<(Element<'p>, Coupler)> = Vec::new();
+        let constraints = self
+            .model
+            .components()
+            .filter(|e| e.tag().ends_with("Constraint"));
+        let enforced =
+            constraints.filter(|e| e.flag_or("isEnforced", true) && !e.name().is_empty());
+        for element in enforced.collect::<Vec<_>>() {
+            if element.tag() != "CoordinateCouplerConstraint" {
+                let tag = element.tag();
+                let note = format!(
+                    "the constraint <{tag}>{} of the model is left out",
+                    element.named()
+                );
+                self.notes.push(note);
                 continue;
             }
-            let named = |name: &str| {
-                self.coordinate_index.get(name).copied().ok_or_else(|| {
-                    let message = format!("no coordinate `{}`", shown(name));
-                    element.error(UNKNOWN_NAME, message)
-                })
-            };
-            let names = element.text_of("independent_coordinate_names");
-            let arguments = names.split_ascii_whitespace().map(named);
-            let arguments = arguments.collect::<Result<Vec<_>, _>>()?;
-            let function = Function::read(element.need("coupled_coordinates_function")?)?;
-            if function.arguments().is_some_and(|n| n != arguments.len()) {
-                let message = format!(
-                    "a function that does not fit {} coordinates",
-                    arguments.len()
-                );
+            let coupler = self.coupler(element)?;
+            if left
+                .iter()
+                .any(|(_, other)| other.dependent == coupler.dependent)
+            {
+                let name = element.text_of("dependent_coordinate_name");
+                let message = format!("two constraints determine the coordinate `{}`", shown(name));
                 return Err(element.error(MALFORMED, message));
             }
-            let [scale] = element.numbers_or("scale_factor", [1.0])?;
-            couplers.push(Coupler {
-                dependent: named(element.text_of("dependent_coordinate_name"))?,
-                arguments,
-                function,
-                scale,
-            });
+            left.push((element, coupler));
         }
-        Ok(couplers)
+        let mut sorted = Vec::new();
+        while !left.is_empty() {
+            let depends = |c: &Coupler, k: usize| c.arguments.contains(&k);
+            let is_free = |c: &Coupler| !left.iter().any(|(_, other)| depends(c, other.dependent));
+            let Some(next) = left.iter().position(|(_, c)| is_free(c)) else {
+                let message = "constraints that determine coordinates by each other";
+                return Err(left[0].0.error(MALFORMED, message));
+            };
+            sorted.push(left.remove(next).1);
+        }
+        Ok(sorted)
+    }
+
+    fn coupler(&self, element: Element<'p>) -> Result<Coupler, ModelError> {
+        let named = |name: &str| {
+            self.coordinate_index.get(name).copied().ok_or_else(|| {
+                let message = format!("no coordinate `{}`", shown(name));
+                element.error(UNKNOWN_NAME, message)
+            })
+        };
+        let names = element.text_of("independent_coordinate_names");
+        let arguments = names.split_ascii_whitespace().map(named);
+        let arguments = arguments.collect::<Result<Vec<_>, _>>()?;
+        let function = Function::read(element.need("coupled_coordinates_function")?)?;
+        if function.arguments().is_some_and(|n| n != arguments.len()) {
+            let message = format!(
+                "a function that does not fit {} coordinates",
+                arguments.len()
+            );
+            return Err(element.error(MALFORMED, message));
+        }
+        let [scale] = element.numbers_or("scale_factor", [1.0])?;
+        Ok(Coupler {
+            dependent: named(element.text_of("dependent_coordinate_name"))?,
+            arguments,
+            function,
+            scale,
+        })
     }
 
     fn muscles(&self) -> Result<Vec<ModelMuscle>, ModelError> {
@@ -509,7 +615,7 @@ impl<'p> Reader<'p> {
                 let Some(location) = point.child("location") else {
                     continue;
                 };
-                let (body, frame) = self.frame(point.need("socket_parent_frame")?, None)?;
+                let (body, frame) = self.frame(point.need("socket_parent_frame")?, point)?;
                 points.push((
                     body,
                     frame * Point3::from(Vector3::from(location.exactly::<3>()?)),

@@ -32,8 +32,9 @@ impl MotionTable {
 
     /// The same as [`Self::read`] for a text; `file` appears in messages.
     ///
-    /// Angles are in degrees where the header has `inDegrees=yes`, and in files without
-    /// `inDegrees`: those are of the old format, whose angles are in degrees.
+    /// Angles are in degrees where the header has `inDegrees=yes`. Without `inDegrees` they are in
+    /// degrees under the old header of SIMM, with `datacolumns` or `range`, and otherwise in radians,
+    /// as in OpenSim.
     ///
     /// # Errors
     /// See [`Self::read`].
@@ -43,7 +44,7 @@ impl MotionTable {
             ModelError::at(file, [line, 0], TABLE, message)
         };
         let mut lines = text.lines().enumerate().map(|(k, l)| (k + 1, l));
-        let mut in_degrees = None;
+        let (mut in_degrees, mut is_old) = (None, false);
         loop {
             let Some((number, line)) = lines.next() else {
                 return Err(ModelError::whole(file, TABLE, "no line `endheader`"));
@@ -52,6 +53,8 @@ impl MotionTable {
             if line.eq_ignore_ascii_case("endheader") {
                 break;
             }
+            let word = line.split_ascii_whitespace().next().unwrap_or_default();
+            is_old |= ["datacolumns", "datarows", "range"].contains(&word);
             if let Some((key, value)) = line.split_once('=')
                 && key.trim().eq_ignore_ascii_case("inDegrees")
             {
@@ -133,7 +136,7 @@ impl MotionTable {
             columns: names[1..].to_vec(),
             times,
             rows,
-            in_degrees: in_degrees.unwrap_or(true),
+            in_degrees: in_degrees.unwrap_or(is_old),
         })
     }
 
@@ -198,7 +201,7 @@ impl MotionTable {
         for &(coordinate, column) in columns {
             let [from, to] = [before, after].map(|row| self.rows[row][column]);
             let value = from + (to - from) * share;
-            let degrees = self.in_degrees && model.coordinates[coordinate].is_angle;
+            let degrees = self.in_degrees && model.coordinates[coordinate].in_degrees;
             values[coordinate] = if degrees { value.to_radians() } else { value };
         }
         model.couple(&mut values);

@@ -9,7 +9,8 @@ use super::error::{SceneError, SceneProblem};
 use super::reader::{Item, Limit, Section};
 use super::units::Dimension;
 use super::{BoneSpec, Key, Motion, parse, paths, smooth_step};
-use crate::opensim::{DrivenBone, Model, ModelDrive, ModelError, MotionTable};
+use crate::format::number;
+use crate::opensim::{Model, ModelDrive, ModelError, MotionTable};
 
 /// Number of frames from the meshes' pose to the first pose of a motion.
 const LEAD_IN: u32 = 30;
@@ -69,10 +70,22 @@ pub(super) fn read(
     let model = Model::read(&file(&item, "model.osim")?).map_err(|e| item.error(e.into()))?;
     let named = named(&section, &given, bones, &model)?;
     let rest = at_rest(&given, &model)?;
-    let drive = ModelDrive::new(model, &named, rest, axes)
-        .map_err(|e| section.error_at("bones", e.into()))?;
+    let places = places(&given, bones, &named, &model)?;
+    let drive = ModelDrive::new(model, named, &places, rest, axes);
+    let mut drive = drive.map_err(|e| section.error_at("bones", e.into()))?;
+    for (name, item) in given.centres.iter().flat_map(Section::items) {
+        if !drive
+            .model
+            .child_of(name)
+            .is_some_and(|body| drive.uses(body))
+        {
+            let allowed = "a joint between two bodies of `bones`";
+            return item.fail(SceneProblem::out_of_range(name, allowed));
+        }
+    }
     if let Some(timing) = frames.zip(rate) {
-        move_bones(&section, &given, &drive, bones, timing)?;
+        let note = move_bones(&section, &given, &drive, bones, timing)?;
+        drive.notes.extend(note);
     }
     Ok(Some(Arc::new(drive)))
 }
@@ -128,37 +141,50 @@ fn forward(
     }
 }
 
-/// The body of each bone, and the place of its joint.
+/// The body of each bone.
 fn named(
     section: &Section<'_>,
     given: &Given<'_>,
     bones: &[BoneSpec],
     model: &Model,
-) -> Result<Vec<Option<DrivenBone>>, SceneError> {
+) -> Result<Vec<Option<usize>>, SceneError> {
     section.need("bones", "{ femur = \"femur_r\", pelvis = \"pelvis\" }")?;
-    let mut centres = BTreeMap::new();
-    for (name, item) in given.centres.iter().flat_map(Section::items) {
-        let place = item.vector(Dimension::Length)?;
-        let Some(body) = model.child_of(name) else {
-            let known = model.joint_names();
-            return item.fail(parse::unknown_name("joint of the model", name, known));
-        };
-        centres.insert(body, Point3::from(place));
-    }
     let mut named = vec![None; bones.len()];
     for (name, item) in given.bones.iter().flat_map(Section::items) {
         let Some(bone) = bones.iter().position(|b| b.name == name) else {
             let known = bones.iter().map(|b| b.name.as_str());
             return item.fail(parse::unknown_name("bone", name, known));
         };
-        let body = model
-            .body(item.text("femur_r")?)
-            .map_err(|e| item.error(e.into()))?;
-        // A bone with a joint of its own in the scene has its place.
-        let own = bones[bone].motion.joint.as_ref().map(|joint| joint.centre);
-        named[bone] = Some((body, centres.get(&body).copied().or(own)));
+        let body = model.body(item.text("femur_r")?);
+        named[bone] = Some(body.map_err(|e| item.error(e.into()))?);
     }
     Ok(named)
+}
+
+/// Places of joints of the model in the scene [m], by their child bodies: those of `centres`, and of
+/// bones with a joint of their own.
+fn places(
+    given: &Given<'_>,
+    bones: &[BoneSpec],
+    named: &[Option<usize>],
+    model: &Model,
+) -> Result<BTreeMap<usize, Point3<f64>>, SceneError> {
+    let mut places = BTreeMap::new();
+    let joints = bones.iter().map(|bone| bone.motion.joint.as_ref());
+    for (joint, body) in joints.zip(named) {
+        if let Some((joint, body)) = joint.zip(*body) {
+            places.insert(body, joint.centre);
+        }
+    }
+    for (name, item) in given.centres.iter().flat_map(Section::items) {
+        let place = item.vector(Dimension::Length)?;
+        let Some(body) = model.child_of(name) else {
+            let known = model.joint_names();
+            return item.fail(parse::unknown_name("joint of the model", name, known));
+        };
+        places.insert(body, Point3::from(place));
+    }
+    Ok(places)
 }
 
 /// The values of the coordinates where the meshes are: defaults, and those of `at`.
@@ -176,19 +202,20 @@ fn at_rest(given: &Given<'_>, model: &Model) -> Result<Vec<f64>, SceneError> {
     Ok(values)
 }
 
-/// Writes the poses of a motion into the bones that the model moves.
+/// Writes the poses of a motion into the bones that the model moves. Returns a note where frames are too
+/// few.
 fn move_bones(
     section: &Section<'_>,
     given: &Given<'_>,
     drive: &ModelDrive,
     bones: &mut [BoneSpec],
     (frames, rate): (usize, f64),
-) -> Result<(), SceneError> {
+) -> Result<Option<String>, SceneError> {
     let Some((item, path)) = &given.motion else {
         let keys = ["from", "to", "speed", "lead_in"];
         let unused = keys.iter().find_map(|key| section.get(key));
         let add = "`motion = \"walk.mot\"`, which it is a part of";
-        return unused.map_or(Ok(()), |item| {
+        return unused.map_or(Ok(None), |item| {
             item.fail(SceneProblem::missing("motion", add))
         });
     };
@@ -255,5 +282,13 @@ fn move_bones(
             bone.motion.keys.clear();
         }
     }
-    Ok(())
+    let end = from + given.speed * (frames as f64 - lead_in as f64) / rate;
+    let needed = (lead_in as f64 + (to - from) * rate / given.speed).ceil();
+    Ok((end < to - SAME).then(|| {
+        format!(
+            "the motion goes on to {} s, and the last frame is at {} s: all of it needs {needed} frames",
+            number(to),
+            number(end)
+        )
+    }))
 }

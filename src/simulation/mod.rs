@@ -195,7 +195,10 @@ impl Simulation {
             .zip(start.muscles)
             .map(|(m, start)| Body::new(&scene, &assets, m, &plan.muscles[m], &placed, start));
         let bodies = fault::all_of(bodies)?;
-        let mut notes = Vec::new();
+        let mut notes = scene
+            .opensim
+            .as_ref()
+            .map_or(Vec::new(), |drive| drive.notes.clone());
         for (bone, found) in scene.bones.iter().zip(&assets.bone_notes) {
             notes.extend(found.iter().map(|n| format!("{}: {n}", bone.name)));
         }

@@ -507,3 +507,181 @@ fn a_polyline_has_normalised_lengths() {
     let model = Model::parse(&text.replace("</Model>", &wraps), "m.osim").expect("a model");
     assert!(normalised_lengths(&model, &model.muscles[0], &[pose(0.0)]).is_none());
 }
+
+/// A model of two bodies, each with a frame of the same name, with more inside.
+fn two_bodies(joint: &str, more: &str) -> Result<Model, pliant::opensim::ModelError> {
+    let body = |name: &str, z: f64| {
+        format!(
+            "<Body name=\"{name}\"><components><PhysicalOffsetFrame name=\"knee\"><socket_parent>..</socket_parent>\
+             <translation>0 0 {z}</translation></PhysicalOffsetFrame></components></Body>"
+        )
+    };
+    let text = format!(
+        "<OpenSimDocument Version=\"40600\"><Model name=\"m\"><BodySet name=\"bodyset\"><objects>{}{}{}</objects></BodySet>\
+         <JointSet name=\"jointset\"><objects>\
+         <WeldJoint name=\"a\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/right</socket_child_frame></WeldJoint>\
+         <WeldJoint name=\"b\"><socket_parent_frame>/ground</socket_parent_frame><socket_child_frame>/bodyset/left</socket_child_frame></WeldJoint>\
+         {joint}</objects></JointSet>{more}</Model></OpenSimDocument>",
+        body("right", 0.1),
+        body("left", -0.1),
+        body("shank", 0.0)
+    );
+    Model::parse(&text, "two.osim")
+}
+
+/// A joint with these coordinates and axes on the right body.
+fn shank(socket: &str, coordinates: &[&str], axes: &str) -> String {
+    let own: String = coordinates
+        .iter()
+        .map(|c| format!("<Coordinate name=\"{c}\"/>"))
+        .collect();
+    format!(
+        "<CustomJoint name=\"c\"><socket_parent_frame>{socket}</socket_parent_frame><socket_child_frame>/bodyset/shank</socket_child_frame>\
+         <coordinates>{own}</coordinates><SpatialTransform>{axes}</SpatialTransform></CustomJoint>"
+    )
+}
+
+#[test]
+fn frames_are_found_by_their_whole_paths() {
+    for (socket, z) in [
+        ("/bodyset/right/knee", 0.1),
+        ("/bodyset/left/knee", -0.1),
+        ("../../bodyset/left/knee", -0.1),
+    ] {
+        let model = two_bodies(&shank(socket, &[], ""), "").expect("a model");
+        let body = model.body("shank").expect("a body");
+        let pose = model.poses(&model.defaults())[body];
+        assert!((pose.translation.z - z).abs() <= 1e-15, "{socket}: {pose}");
+    }
+    let unclear = two_bodies(&shank("knee", &[], ""), "").expect_err("three frames have this name");
+    assert!(unclear.message.contains("/bodyset/right/knee"), "{unclear}");
+}
+
+/// OpenSim converts an angle that turns by itself, and leaves what drives a spline or half a turn.
+#[test]
+fn tables_in_degrees_have_only_some_coordinates_in_degrees() {
+    let axis = |slot: &str, of: &str, function: &str| {
+        format!(
+            "<TransformAxis name=\"{slot}\"><coordinates>{of}</coordinates><axis>0 0 1</axis>{function}</TransformAxis>"
+        )
+    };
+    let linear = |slope: f64| {
+        format!("<LinearFunction><coefficients>{slope} 0</coefficients></LinearFunction>")
+    };
+    let axes = [
+        axis("rotation1", "turns", &linear(-1.0)),
+        axis("rotation2", "half", &linear(0.5)),
+        axis(
+            "rotation3",
+            "slides",
+            "<SimmSpline><x>0 1</x><y>0 2</y></SimmSpline>",
+        ),
+        axis("translation1", "slides", &linear(1.0)),
+    ];
+    let joint = shank(
+        "/bodyset/right",
+        &["turns", "half", "slides"],
+        &axes.concat(),
+    );
+    let model = two_bodies(&joint, "").expect("a model");
+    let kinds: Vec<(bool, bool)> = model
+        .coordinates
+        .iter()
+        .map(|c| (c.is_angle, c.in_degrees))
+        .collect();
+    assert_eq!(kinds, [(true, true), (true, false), (false, false)]);
+    let table = |header: &str| {
+        MotionTable::parse(
+            &format!("{header}endheader\ntime\tturns\thalf\tslides\n0\t60\t60\t60\n"),
+            "a.mot",
+        )
+        .expect("a table")
+    };
+    let values = |header: &str| {
+        let table = table(header);
+        table.values(&model, &table.coordinates(&model).expect("columns"), 0.0)
+    };
+    assert_eq!(values("inDegrees=yes\n"), [60_f64.to_radians(), 60.0, 60.0]);
+    // Without the key, radians; under the old header of SIMM, degrees.
+    assert_eq!(values("nRows=1\n"), [60.0; 3]);
+    assert_eq!(
+        values("name m\ndatacolumns 4\ndatarows 1\nrange 0 0\n")[0],
+        60_f64.to_radians()
+    );
+}
+
+#[test]
+fn couplers_follow_each_other_and_other_constraints_are_told() {
+    let coupler = |name: &str, from: &str, to: &str, slope: f64| {
+        format!(
+            "<CoordinateCouplerConstraint name=\"{name}\"><coupled_coordinates_function><LinearFunction><coefficients>{slope} 0.1</coefficients>\
+             </LinearFunction></coupled_coordinates_function><independent_coordinate_names>{from}</independent_coordinate_names>\
+             <dependent_coordinate_name>{to}</dependent_coordinate_name></CoordinateCouplerConstraint>"
+        )
+    };
+    let joint = shank("/bodyset/right", &["a", "b", "c"], "");
+    let of = |constraints: &str| {
+        two_bodies(
+            &joint,
+            &format!(
+                "<ConstraintSet name=\"constraintset\"><objects>{constraints}</objects></ConstraintSet>"
+            ),
+        )
+    };
+    // The second of the chain stands first in the file.
+    let chain = [coupler("k1", "b", "c", 2.0), coupler("k2", "a", "b", 1.5)].concat();
+    let model = of(&chain).expect("a model");
+    let mut values = [0.2, 0.0, 0.0];
+    model.couple(&mut values);
+    assert!(
+        (values[1] - 0.4).abs() <= 1e-15 && (values[2] - 0.9).abs() <= 1e-15,
+        "{values:?}"
+    );
+    for circle in [
+        [coupler("k1", "b", "c", 2.0), coupler("k2", "c", "b", 1.0)].concat(),
+        coupler("k", "b", "b", 2.0),
+    ] {
+        assert!(of(&circle).is_err());
+    }
+    assert!(of(&[coupler("k1", "a", "c", 2.0), coupler("k2", "b", "c", 1.0)].concat()).is_err());
+    let loops = of(
+        "<WeldConstraint name=\"loop\"/><PointConstraint name=\"off\"><isEnforced>false</isEnforced></PointConstraint>",
+    );
+    let notes = loops.expect("a model").notes;
+    assert!(notes.len() == 1 && notes[0].contains("loop"), "{notes:?}");
+}
+
+/// Nesting takes time in proportion to the text, and has a limit.
+#[test]
+fn deep_elements_are_refused() {
+    let deep = format!(
+        "<OpenSimDocument Version=\"40600\"><Model name=\"m\">{}{}</Model></OpenSimDocument>",
+        "<a>".repeat(100_000),
+        "</a>".repeat(100_000)
+    );
+    let error = Model::parse(&deep, "deep.osim").expect_err("too deep");
+    assert!(error.message.contains("nested"), "{error}");
+}
+
+#[test]
+fn a_motion_that_the_frames_cut_is_told() {
+    let folder = Scratch::folder();
+    let notes = |frames: &str| {
+        let scene = driven(&folder, |text| text.replace("frames = 10", frames)).expect("a scene");
+        scene
+            .opensim
+            .as_ref()
+            .map_or(Vec::new(), |drive| drive.notes.clone())
+    };
+    assert_eq!(notes("frames = 10"), Vec::<String>::new());
+    let cut = notes("frames = 5");
+    assert!(
+        cut.len() == 1 && cut[0].contains("needs 10 frames"),
+        "{cut:?}"
+    );
+    // A place of a joint that moves nothing means nothing.
+    let unused = driven(&folder, |text| {
+        text + "centres = { Ball = ['0 m', '0 m', '0 m'] }\n"
+    });
+    assert!(unused.is_err_and(|e| e.terse().contains("a joint between two bodies")));
+}

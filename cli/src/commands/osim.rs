@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Point3};
 use pliant::io::{self, Encoding, file_name};
 use pliant::mesh::{Aabb, TriangleMesh};
 use pliant::moment_arms::means;
-use pliant::opensim::{Model, ModelBody};
+use pliant::opensim::{Model, ModelBody, ModelMuscle};
 
 /// A body counts as a bone of the scene where it comes this near to a muscle [m].
 const NEAR: f64 = 0.03;
@@ -267,7 +267,15 @@ fn section(
             .muscles
             .iter()
             .filter(|m| means(&m.name, &name.replace(['_', '.'], " ")));
-        let own: Vec<&str> = own.map(|m| m.name.as_str()).collect();
+        // Of both sides, those that the bones of the scene hold.
+        let is_held = |m: &&ModelMuscle| {
+            let ends = [m.points.first(), m.points.last()].into_iter().flatten();
+            let names = ends.map(|(body, _)| &model.bodies[*body].name);
+            names
+                .into_iter()
+                .all(|name| files.iter().any(|(chosen, _)| chosen == name))
+        };
+        let own: Vec<&str> = own.filter(is_held).map(|m| m.name.as_str()).collect();
         if !own.is_empty() {
             forces.push(format!("{name}={}", own.join("+")));
         }

@@ -114,7 +114,9 @@ impl Arguments {
             let found = study
                 .all
                 .iter()
-                .position(|c| c.name() == *key || c.label == *key);
+                .find(|c| c.name() == *key || c.label == *key);
+            // Of equal scenes, the first one stands for all.
+            let found = found.and_then(|found| study.all.iter().position(|c| c.key == found.key));
             found.ok_or_else(|| {
                 let message = format!("--only: no run `{key}` in the study");
                 let hint = "`pliant study FILE --dry-run --json` lists the keys; a key changes with the scene, its files and the version \
@@ -161,7 +163,7 @@ fn part_of(
         measures: json!({
             "runs": part.len(),
             "found": part.len() - selected.len(),
-            "computed": selected.len() - undone,
+            "computed": selected.len().saturating_sub(undone),
             "left": left.len(),
             "keys": part.iter().map(|&k| study.all[k].name()).collect::<Vec<_>>(),
             "host": host(),

@@ -437,7 +437,7 @@ fn a_scene_from_a_model_of_opensim() {
     fs::write(&model, text_of_model).expect("written");
     fs::write(
         scratch.join("bend.mot"),
-        "endheader\ntime\tq\n0\t0\n1\t20\n",
+        "inDegrees=yes\nendheader\ntime\tq\n0\t0\n1\t20\n",
     )
     .expect("written");
     let scene = scratch.join("scene.toml");

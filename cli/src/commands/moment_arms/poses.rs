@@ -30,7 +30,7 @@ const SEED: u64 = 1;
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct OverPoses {
     /// Model of OpenSim 4: moment arms over the coordinates of `--coordinate`, and paths for it
-    #[arg(long, value_name = "MODEL", requires = "coordinate", conflicts_with_all = ["opensim", "compare", "axis", "joint"])]
+    #[arg(long, value_name = "MODEL", requires = "coordinate", conflicts_with_all = ["opensim", "compare", "axis", "joint", "from", "to", "step", "stepper", "frames", "smooth"])]
     pub(super) osim: Option<PathBuf>,
     /// Ranges of coordinates, as NAME=FROM:TO,... such as hip_flexion_r=-10deg:60deg [default: the
     /// range in the model]

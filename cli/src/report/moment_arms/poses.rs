@@ -12,7 +12,7 @@ use pliant::format::number;
 use pliant::io::file_name;
 use pliant::io::pvd::Collection;
 use pliant::moment_arms::{MuscleStepper, PoseSet, SweepRun, extremes};
-use pliant::opensim::paths::PathSamples;
+use pliant::opensim::paths::{FittedPath, PathSamples};
 use pliant::opensim::{ModelDrive, MuscleParameters, normalised_lengths};
 use pliant_render::{Frame, PictureError};
 
@@ -83,14 +83,18 @@ pub fn output_of_poses<'a>(
     }
     let (paths, mut findings) = opensim::fit(&samples, posed.most_order);
     let parameters = parameters(posed, running, &samples);
-    let replaced = if posed.replaces_parameters {
-        &parameters[..]
-    } else {
-        &[]
+    let fitted: Vec<FittedPath> = paths.iter().map(|f| f.path.clone()).collect();
+    // A slack length of a path that stays would be wrong.
+    let with_path = |p: &&MuscleParameters| fitted.iter().any(|path| path.force == p.force);
+    let replaced: Vec<MuscleParameters> = match posed.replaces_parameters {
+        true => parameters.iter().filter(with_path).cloned().collect(),
+        false => Vec::new(),
     };
+    if posed.splice.is_some() {
+        findings.extend(slack(&fitted, &replaced));
+    }
     let spliced = posed.splice.as_ref().and_then(|(file, text)| {
-        let fitted: Vec<_> = paths.iter().map(|f| f.path.clone()).collect();
-        let spliced = pliant::opensim::paths::splice(text, file, &fitted, replaced);
+        let spliced = pliant::opensim::paths::splice(text, file, &fitted, &replaced);
         spliced
             .map_err(|error| findings.push(error.to_string()))
             .ok()
@@ -196,6 +200,21 @@ fn verdicts(posed: &Posed, running: &SweepRun) -> Vec<Verdict> {
         all.extend(straight_verdict(posed.set.off_straight(m), &m.name));
     }
     all
+}
+
+/// The forces whose path has the length of the fibres, and whose tendon slack length stays that of the
+/// model's own path.
+fn slack(paths: &[FittedPath], replaced: &[MuscleParameters]) -> Option<String> {
+    let is_mapped = |force: &str| replaced.iter().any(|p| p.force == force && p.is_mapped());
+    let stay = paths.iter().filter(|path| !is_mapped(&path.force));
+    let stay: Vec<&str> = stay.map(|path| path.force.as_str()).collect();
+    (!stay.is_empty()).then(|| {
+        format!(
+            "the model with the paths in place keeps the tendon slack length of {}, but these paths have the length of the fibres alone: \
+             set it by hand, or use --parameters where the model's own path has no wrapping",
+            stay.join(", ")
+        )
+    })
 }
 
 /// Parameters of each bundle; lengths are mapped where the model has the force.
