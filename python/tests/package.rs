@@ -11,7 +11,10 @@ const NEEDED: &str = "import numpy, pytest";
 /// The folder of compiled files, in which this test is.
 fn built() -> PathBuf {
     let own = std::env::current_exe().expect("a path");
-    own.parent().and_then(Path::parent).expect("a folder").to_owned()
+    own.parent()
+        .and_then(Path::parent)
+        .expect("a folder")
+        .to_owned()
 }
 
 fn copy(from: &Path, to: &Path) {

@@ -92,10 +92,11 @@ impl ModelDrive {
             let at = places.get(&joint.child);
             let moved = at.map_or(Vector3::zeros(), |at| at - here);
             let from = Isometry3::from_parts(Translation3::from(shift + moved), turned);
-            let parent = |l: &Link| model.joints[l.joint].child == joint.parent;
             links.push(Link {
                 joint: model.joint_of[joint.child].unwrap_or(0),
-                parent: links.iter().position(parent),
+                parent: links
+                    .iter()
+                    .position(|l| model.joints[l.joint].child == joint.parent),
                 into: from.inverse(),
                 around: [poses[joint.parent], poses[joint.child].inverse()],
                 across: joint.across(&rest),
