@@ -22,7 +22,7 @@ import pliant
 from distributed import Client, LocalCluster
 
 #: Frames of a combination: a second or more.
-FRAMES = 180
+FRAMES = 300
 #: Seconds between two kills.
 KILL_EVERY = 20.0
 

@@ -7,19 +7,9 @@ commands of the same names and return their results; numbers are those of the co
 
 from __future__ import annotations
 
-from ._commands import (
-    Result,
-    accuracy,
-    check,
-    command,
-    fibres,
-    implant,
-    moment_arms,
-    morph,
-    run,
-    springs,
-)
-from ._frames import Frame, Simulation, load
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from ._pliant import (
     DIGEST,
     Dual,
@@ -31,7 +21,44 @@ from ._pliant import (
     project,
     read_mesh,
 )
-from ._study import Study, study
+
+if TYPE_CHECKING:
+    from ._commands import (
+        Result,
+        accuracy,
+        check,
+        command,
+        fibres,
+        implant,
+        moment_arms,
+        morph,
+        run,
+        springs,
+    )
+    from ._frames import Frame, Simulation, load
+    from ._study import Study, study
+
+#: Modules of the names that are loaded when they are first used: a command needs none of them, and starts sooner.
+_LATER = {
+    **dict.fromkeys(
+        ["Result", "accuracy", "check", "command", "fibres", "implant", "moment_arms", "morph", "run", "springs"], "_commands"
+    ),
+    **dict.fromkeys(["Frame", "Simulation", "load"], "_frames"),
+    **dict.fromkeys(["Study", "study"], "_study"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f".{_LATER[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 __all__ = [
     "DIGEST",

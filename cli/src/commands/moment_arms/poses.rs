@@ -347,7 +347,7 @@ impl Observer<SweepRun> for OfSamples<'_> {
         let reached = running.done();
         // The first pose of a sample is the sample itself.
         if reached == 0
-            || (reached - 1) % self.each != 0
+            || !(reached - 1).is_multiple_of(self.each)
             || (reached - 1) / self.each < self.written.done
         {
             return ControlFlow::Continue(());
