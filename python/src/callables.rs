@@ -191,6 +191,24 @@ fn value<S: Scalar>(object: &Py<PyAny>, x: &[Point3<S>]) -> PyResult<S> {
     })
 }
 
+/// The vectors of a gradient of shape (count, 3).
+fn vectors_of(gradient: Bound<'_, PyAny>, count: usize) -> PyResult<Vec<Vector3<f64>>> {
+    let numpy = gradient.py().import("numpy")?;
+    let gradient = numpy.call_method1("asarray", (gradient, "float64"))?;
+    let gradient: Bound<'_, PyArray2<f64>> = gradient.cast_into().map_err(PyErr::from)?;
+    let rows = gradient.readonly();
+    let rows = rows.as_array();
+    if rows.dim() != (count, 3) {
+        let message = format!(
+            "`gradient` has the shape {:?} instead of ({count}, 3)",
+            rows.dim()
+        );
+        return Err(refused(message, None, None));
+    }
+    let rows = rows.rows().into_iter();
+    Ok(rows.map(|r| Vector3::new(r[0], r[1], r[2])).collect())
+}
+
 /// Calls `value` and `gradient`; `None` where the gradient is None.
 fn value_and_gradient(
     object: &Py<PyAny>,
@@ -203,25 +221,7 @@ fn value_and_gradient(
         if gradient.is_none(py) {
             return Ok(None);
         }
-        let gradient = py
-            .import("numpy")?
-            .call_method1("asarray", (gradient, "float64"))?;
-        let gradient: Bound<'_, PyArray2<f64>> = gradient.cast_into().map_err(PyErr::from)?;
-        let rows = gradient.readonly();
-        let rows = rows.as_array();
-        if rows.dim() != (x.len(), 3) {
-            let message = format!(
-                "`gradient` has the shape {:?} instead of ({}, 3)",
-                rows.dim(),
-                x.len()
-            );
-            return Err(refused(message, None, None));
-        }
-        let rows = rows
-            .rows()
-            .into_iter()
-            .map(|r| Vector3::new(r[0], r[1], r[2]));
-        Ok(Some((found, rows.collect())))
+        Ok(Some((found, vectors_of(gradient.into_bound(py), x.len())?)))
     })
 }
 
@@ -473,25 +473,7 @@ impl WrittenPotential {
                 .call_method1(py, "energy", (&place,))?
                 .extract(py)?;
             let gradient = self.object.call_method1(py, "gradient", (&place,))?;
-            let gradient = py
-                .import("numpy")?
-                .call_method1("asarray", (gradient, "float64"))?;
-            let gradient: Bound<'_, PyArray2<f64>> = gradient.cast_into().map_err(PyErr::from)?;
-            let rows = gradient.readonly();
-            let rows = rows.as_array();
-            if rows.dim() != (x.len(), 3) {
-                let message = format!(
-                    "`gradient` has the shape {:?} instead of ({}, 3)",
-                    rows.dim(),
-                    x.len()
-                );
-                return Err(refused(message, None, None));
-            }
-            let rows = rows
-                .rows()
-                .into_iter()
-                .map(|r| Vector3::new(r[0], r[1], r[2]));
-            Ok((energy, rows.collect()))
+            Ok((energy, vectors_of(gradient.into_bound(py), x.len())?))
         });
         found.map_err(keep).ok()
     }

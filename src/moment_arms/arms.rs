@@ -102,7 +102,8 @@ impl Arms {
         let [least, most] = extremes(at.clone().map(|k| self.straight[k]))?;
         let greatest = max_or_nan([-least, most]);
         let off = max_or_nan(at.map(|k| (self.mean[k] - self.straight[k]).abs()));
-        (greatest > 0.0).then_some(off / greatest)
+        // Not a number, unlike zero, has to fail.
+        (greatest != 0.0).then_some(off / greatest)
     }
 
     /// Least and greatest moment arm of a fibre at angle `k` [m].

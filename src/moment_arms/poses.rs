@@ -179,7 +179,8 @@ impl PoseSet {
                 greatest = max_or_nan([greatest, straight.abs()]);
             }
         }
-        (greatest > 0.0).then_some(off / greatest)
+        // Not a number, unlike zero, has to fail.
+        (greatest != 0.0).then_some(off / greatest)
     }
 
     /// Samples of the path of some fibres of a muscle, for a force of the model.

@@ -183,7 +183,13 @@ impl ModelDrive {
             all.for_each(|(bone, _)| *bone = Some(child));
         }
         let axes = [turned * Vector3::x(), turned * Vector3::y()];
-        Self::new(model, bones, &places, rest, axes)
+        let first = &model.coordinates[joints[0].0].name;
+        let note = format!(
+            "the axis of the first joint of the scene is taken for that of the model's `{first}`"
+        );
+        let mut drive = Self::new(model, bones, &places, rest, axes)?;
+        drive.notes.push(note);
+        Ok(drive)
     }
 
     /// True if the joint of a body moves a bone against another.

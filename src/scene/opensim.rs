@@ -18,8 +18,6 @@ const LEAD_IN: u32 = 30;
 const MOST_FRAMES: usize = 1_000_000;
 /// Least sine of the angle between forward and up.
 const LEAST_ACROSS: f64 = 1e-3;
-/// Least distance between two poses that differ [rad or m].
-const SAME: f64 = 1e-12;
 
 impl From<ModelError> for SceneProblem {
     fn from(error: ModelError) -> Self {
@@ -240,10 +238,7 @@ fn move_bones(
         }
     }
     let start = table.values(&drive.model, &columns, from);
-    let rests = start
-        .iter()
-        .zip(&drive.rest)
-        .all(|(a, b)| (a - b).abs() <= SAME);
+    let rests = start == drive.rest;
     let lead_in = given.lead_in.unwrap_or(if rests { 0 } else { LEAD_IN }) as usize;
     for frame in 0..=frames {
         let time = from + given.speed * (frame as f64 - lead_in as f64) / rate;
@@ -283,12 +278,14 @@ fn move_bones(
         }
     }
     let end = from + given.speed * (frames as f64 - lead_in as f64) / rate;
-    let needed = (lead_in as f64 + (to - from) * rate / given.speed).ceil();
-    Ok((end < to - SAME).then(|| {
+    let needed = lead_in as f64 + (to - from) * rate / given.speed;
+    // Half a frame is the rounding of times to frames.
+    Ok((needed > frames as f64 + 0.5).then(|| {
         format!(
-            "the motion goes on to {} s, and the last frame is at {} s: all of it needs {needed} frames",
+            "the motion goes on to {} s, and the last frame is at {} s: all of it needs {} frames",
             number(to),
-            number(end)
+            number(end),
+            needed.ceil()
         )
     }))
 }

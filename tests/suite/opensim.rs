@@ -51,7 +51,7 @@ fn off(model: &Model, table: &str) -> f64 {
         for (pose, real) in poses[1..].iter().zip(real.chunks(3)) {
             let place = pose * Point3::new(0.1, 0.2, 0.3);
             let distance = (place - Point3::new(real[0], real[1], real[2])).norm();
-            worst = if distance <= worst { worst } else { distance };
+            worst = max_or_nan([worst, distance]);
         }
     }
     worst
