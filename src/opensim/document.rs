@@ -65,6 +65,11 @@ pub(super) const UNKNOWN_KIND: Kind = (
 );
 /// A name that nothing has.
 pub(super) const UNKNOWN_NAME: Kind = ("E094", "check the spelling of the name");
+/// Bones or joints of a scene that do not fit the model.
+pub(super) const NO_FIT: Kind = (
+    "E096",
+    "name bones of bodies with a joint between them, and first the coordinate about the axis of the scene's joint",
+);
 /// A table of a motion.
 pub(super) const TABLE: Kind = (
     "E095",

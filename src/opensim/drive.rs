@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use super::document::{MALFORMED, ModelError};
+use super::document::{ModelError, NO_FIT};
 use super::model::{Model, ModelJoint, ModelMuscle};
 use crate::encode::{Encode, Encoder};
 
@@ -104,7 +104,7 @@ impl ModelDrive {
         }
         if links.is_empty() {
             let message = "the bones have no joint between them in the model; name bones of at least two bodies";
-            return Err(ModelError::whole("", MALFORMED, message));
+            return Err(ModelError::whole("", NO_FIT, message));
         }
         let notes = model.notes.clone();
         Ok(Self {
@@ -130,7 +130,7 @@ impl ModelDrive {
         up: Vector3<f64>,
     ) -> Result<Self, ModelError> {
         let rest = model.defaults();
-        let fail = |message: String| Err(ModelError::whole("", MALFORMED, message));
+        let fail = |message: String| Err(ModelError::whole("", NO_FIT, message));
         let mut axes = Vec::new();
         for (coordinate, ..) in joints {
             let Some((joint, axis)) = model.axis(*coordinate, &rest) else {
