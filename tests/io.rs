@@ -213,7 +213,7 @@ fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8
                         points,
                         triangles,
                         lines,
-                        point_data: Vec::new(),
+                        ..Default::default()
                     },
                 )
             }

@@ -197,7 +197,7 @@ pub static FORMATS: [FormatSpec; 9] = [
                 points: &mesh.vertices,
                 triangles: &mesh.triangles,
                 lines,
-                point_data: Vec::new(),
+                ..Default::default()
             };
             vtp::write(path, &data).map(|()| 0)
         }),

@@ -3,22 +3,124 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use clap::ValueEnum;
+use nalgebra::{Point3, Rotation3, Vector3};
 use serde_json::json;
 
 use super::failure::Failure;
 use super::options::Printing;
 use crate::report::Table;
 use crate::report::output::RunOutput;
+use pliant::TriangleMesh;
 use pliant::io::{self, Encoding};
 use pliant::mesh::shapes;
 
-/// The meshes of the example: file name and shape. The names are those of the parts that the shapes
-/// are like, by which `pliant init` knows them.
-const EXAMPLE: [(&str, &str); 3] = [
-    ("Femur.r.obj", "hip-femur"),
-    ("Hip_bone.r.obj", "hip-socket"),
-    ("Gluteus_medius.r.obj", "hip-gluteus"),
+/// A folder of files to begin with, made by code.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum Example {
+    /// A femur, a socket and a muscle like gluteus medius
+    #[default]
+    FirstMuscle,
+    /// The same with a model of OpenSim, a motion, and a scene that the model moves
+    Opensim,
+    /// A flat skin in centimetres, a scalp and a skull in metres
+    Skin,
+    /// Two closed bodies to blend, and a part of one to register
+    Bodies,
+}
+
+/// What a file of an example contains.
+enum Content {
+    /// A shape of the library.
+    Shape(&'static str),
+    /// A text.
+    Text(&'static str),
+    /// A mesh.
+    Mesh(fn() -> TriangleMesh),
+}
+
+/// The meshes of a first muscle. The names are those of the parts that the shapes are like, by which `pliant init` knows
+/// them.
+const MUSCLE: [(&str, Content); 3] = [
+    ("Femur.r.obj", Content::Shape("hip-femur")),
+    ("Hip_bone.r.obj", Content::Shape("hip-socket")),
+    ("Gluteus_medius.r.obj", Content::Shape("hip-gluteus")),
 ];
+const OPENSIM: [(&str, Content); 3] = [
+    ("hip.osim", Content::Text(include_str!("data/hip.osim"))),
+    ("walk.mot", Content::Text(include_str!("data/walk.mot"))),
+    ("leg.toml", Content::Text(include_str!("data/leg.toml"))),
+];
+const SKIN: [(&str, Content); 3] = [
+    ("sheet.obj", Content::Mesh(sheet)),
+    ("scalp.obj", Content::Mesh(shapes::scalp)),
+    ("skull.obj", Content::Shape("skull")),
+];
+const BODIES: [(&str, Content); 3] = [
+    ("ball.obj", Content::Shape("icosphere")),
+    ("pear.obj", Content::Mesh(pear)),
+    ("half.obj", Content::Mesh(half_of_pear)),
+];
+
+impl Example {
+    fn files(self) -> Vec<&'static (&'static str, Content)> {
+        match self {
+            Self::FirstMuscle => MUSCLE.iter().collect(),
+            Self::Opensim => MUSCLE.iter().chain(&OPENSIM).collect(),
+            Self::Skin => SKIN.iter().collect(),
+            Self::Bodies => BODIES.iter().collect(),
+        }
+    }
+
+    /// A command to continue with.
+    fn next(self, folder: &str) -> String {
+        match self {
+            Self::FirstMuscle => format!("pliant init {folder} --joint hip"),
+            Self::Opensim => format!("pliant run {folder}/leg.toml"),
+            Self::Skin => format!(
+                "pliant implant {folder}/scalp.obj --unit m --at 0,0,0.09 --base 6cm --volume 30cc --obstacle {folder}/skull.obj"
+            ),
+            Self::Bodies => format!("pliant morph {folder}/ball.obj {folder}/pear.obj --unit cm"),
+        }
+    }
+}
+
+/// The flat skin of the built-in implant [cm].
+fn sheet() -> TriangleMesh {
+    shapes::sheet(20.0, 64)
+}
+
+/// A ball that is longer and thinner above.
+fn pear() -> TriangleMesh {
+    let mut mesh = shapes::make("icosphere")
+        .map(|shape| shape.mesh)
+        .unwrap_or_default();
+    for p in &mut mesh.vertices {
+        let width = 0.75 - 0.3 * p.y;
+        *p = Point3::new(p.x * width, 1.4 * p.y, p.z * width * (1.0 + 0.2 * p.x));
+    }
+    mesh
+}
+
+/// The upper part of the pear, turned and moved.
+fn half_of_pear() -> TriangleMesh {
+    let whole = pear();
+    let mut triangles = whole.triangles.clone();
+    triangles.retain(|t| t.iter().all(|&v| whole.vertices[v as usize].y > -0.2));
+    let turn = Rotation3::from_euler_angles(0.2, 0.3, -0.1);
+    let moved = |p: &Point3<f64>| turn * p + Vector3::new(0.3, -0.2, 0.1);
+    let mut kept: Vec<u32> = triangles.concat();
+    kept.sort_unstable();
+    kept.dedup();
+    let place = |v: u32| kept.partition_point(|k| *k < v) as u32;
+    TriangleMesh {
+        vertices: kept
+            .iter()
+            .map(|&v| moved(&whole.vertices[v as usize]))
+            .collect(),
+        triangles: triangles.iter().map(|t| t.map(place)).collect(),
+    }
+}
 
 /// Sets of measured meshes: name, content, address, licence.
 const SETS: [[&str; 4]; 4] = [
@@ -48,19 +150,23 @@ const SETS: [[&str; 4]; 4] = [
     ],
 ];
 
-/// Write a muscle and its two bones as files to begin with, or show where measured meshes are
+/// Write files to begin with, or show where measured meshes are
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
 Examples:
   pliant data
   pliant data first-muscle
   pliant init first-muscle --joint hip
+  pliant data leg --example opensim
 
-The muscle and the bones are made by code and measure nobody: a femur, a socket and a muscle like gluteus medius, in
-metres. They may be used for anything. Exit code 2: a file of that name is there already.")]
+All files are made by code and measure nobody. Lengths are in metres, those of bodies in centimetres. They may be used for
+anything. Exit code 2: a file of that name is there already.")]
 pub(super) struct Arguments {
-    /// Folder for the three meshes; without it only the list is shown
+    /// Folder for the files; without it only the list is shown
     folder: Option<PathBuf>,
+    /// The files to write
+    #[arg(long, value_enum, default_value_t, requires = "folder")]
+    example: Example,
     #[command(flatten)]
     printing: Printing,
 }
@@ -73,18 +179,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ..RunOutput::default()
     };
     if let Some(folder) = &arguments.folder {
-        output.written = write(folder)?;
+        output.written = write(folder, arguments.example)?;
         let shown = folder.display();
         output.name = shown.to_string();
         output.text = format!(
-            "{}\nNext: pliant init {shown} --joint hip\n",
-            output.written.join("\n")
+            "{}\nNext: {}\n",
+            output.written.join("\n"),
+            arguments.example.next(&shown.to_string())
         );
     } else {
         let mut table = Table::new("", ["set", "content", "address", "licence"]);
         SETS.iter().for_each(|set| table.row(*set));
         output.text = format!(
-            "{}\n`pliant data FOLDER` writes a muscle and two bones that are made by code.\n",
+            "{}\n`pliant data FOLDER` writes a muscle and two bones that are made by code; --example has more.\n",
             table.to_text()
         );
     }
@@ -94,9 +201,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(arguments.printing.finish(output))
 }
 
-/// Writes the example. Returns the paths of its files.
-fn write(folder: &std::path::Path) -> Result<Vec<String>, Failure> {
-    let paths: Vec<PathBuf> = EXAMPLE.iter().map(|(name, _)| folder.join(name)).collect();
+/// Writes an example. Returns the paths of its files.
+fn write(folder: &std::path::Path, example: Example) -> Result<Vec<String>, Failure> {
+    let files = example.files();
+    let paths: Vec<PathBuf> = files.iter().map(|(name, _)| folder.join(name)).collect();
     if let Some(there) = paths.iter().find(|path| path.symlink_metadata().is_ok()) {
         let message = format!("`{}` is there already", there.display());
         return Err(Failure::usage(message, "name another folder"));
@@ -106,10 +214,17 @@ fn write(folder: &std::path::Path) -> Result<Vec<String>, Failure> {
         Failure::usage(message, "name another folder")
     };
     std::fs::create_dir_all(folder).map_err(|error| unwritable(&error))?;
-    for ((_, shape), path) in EXAMPLE.iter().zip(&paths) {
-        let mesh = shapes::make(shape)
-            .map(|shape| shape.mesh)
-            .unwrap_or_default();
+    for ((_, content), path) in files.into_iter().zip(&paths) {
+        let mesh = match content {
+            Content::Text(text) => {
+                std::fs::write(path, text).map_err(|error| unwritable(&error))?;
+                continue;
+            }
+            Content::Shape(name) => shapes::make(name)
+                .map(|shape| shape.mesh)
+                .unwrap_or_default(),
+            Content::Mesh(make) => make(),
+        };
         io::write(path, &mesh, &[], Encoding::Text).map_err(|error| unwritable(&error))?;
     }
     Ok(paths

@@ -104,9 +104,8 @@ pub(super) struct Arguments {
     /// Course of the fibres, for --method springs and slices [default: parallel]
     #[arg(long, value_name = "NAME", value_parser = Template::NAMED.map(|(name, _)| name))]
     template: Option<String>,
-    /// Aponeuroses on which fibres begin and end: auto (by the muscle's name), parallel, pennate,
-    /// bipennate, multipennate, the share of the length that each covers, the pennation of fibres
-    /// between them, or a file of them
+    /// Aponeuroses on which fibres begin and end: auto (by the muscle's name), parallel, pennate, bipennate, multipennate,
+    /// a share of the length, an angle of pennation, or a file
     #[arg(long, value_name = "PLATES")]
     aponeurosis: Option<String>,
     /// Row of a table of architecture, as FILE#ROW or FILE#ROW,ROW: fibre lengths relative to its

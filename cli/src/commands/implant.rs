@@ -13,6 +13,7 @@ use super::progress::if_raised;
 use super::run::{Job, settings_of_all, stop_on_interrupt};
 use super::scene_text::SceneText;
 use crate::report::folder::{Folder, FolderError};
+use crate::report::frames::Stored;
 use crate::report::implant::preview;
 use crate::report::run::RunOptions;
 use pliant::scene::{Content, FillCourse, ImplantFill, Support};
@@ -234,6 +235,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         options: RunOptions {
             kind: Some("implant"),
             animate: false,
+            stored: Stored::default(),
             begun,
             settings: settings_of_all().to_vec(),
         },

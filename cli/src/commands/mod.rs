@@ -30,7 +30,9 @@ mod resume;
 mod run;
 mod scene_text;
 mod scenes;
+mod self_test;
 mod sensitivities;
+mod shell;
 mod springs;
 mod stress;
 mod study;
@@ -90,7 +92,7 @@ enum Command {
     Init(Box<init::Arguments>),
     /// Write a scene from a model of OpenSim and a folder of muscle meshes
     Osim(Box<osim::Arguments>),
-    /// Write a muscle and its two bones as files to begin with, or show where measured meshes are
+    /// Write files to begin with, or show where measured meshes are
     Data(data::Arguments),
     /// Open a window on a running scene, and control it
     View(view::Arguments),
@@ -136,6 +138,12 @@ enum Command {
     /// Simulate skin over implants: areas before, deformed, retracted and grown; the volume for a
     /// target area
     Implant(Box<implant::Arguments>),
+    /// Test this installation, and show what the machine can do
+    SelfTest(self_test::Arguments),
+    /// Print a script with which a shell completes the names of commands and options
+    Completions(shell::Completions),
+    /// Write a man page for each command into a folder
+    Man(shell::Man),
 }
 
 /// Runs the command line of the process. Returns its exit code.
@@ -188,6 +196,9 @@ pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
         Some(Command::Implant(arguments)) => implant::run(&arguments),
         Some(Command::Morph(arguments)) => morph::run(&arguments),
         Some(Command::Register(arguments)) => register::run(&arguments),
+        Some(Command::SelfTest(arguments)) => self_test::run(&arguments),
+        Some(Command::Completions(arguments)) => Ok(shell::completions(&arguments)),
+        Some(Command::Man(arguments)) => shell::man(&arguments),
     };
     let code = match done {
         Ok(code) => code,

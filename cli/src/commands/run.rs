@@ -19,8 +19,11 @@ use super::options::Output;
 use super::progress::{Bar, if_raised};
 use super::{BY_CTRL_C, BY_SIGTERM, INTERRUPTED, environment, interrupted, resume, warn};
 use crate::report::folder::Folder;
+use crate::report::frames::{FIELDS, Stored};
+use crate::report::plan::bytes_of_run;
 use crate::report::results::Results;
 use crate::report::run::{FILES, Finished};
+use pliant::format::number;
 use pliant::scene::{Content, Scene};
 use pliant::simulation::checkpoint::Fingerprint;
 use pliant::simulation::{self, Assets, Observer, Plan, Simulation};
@@ -82,8 +85,38 @@ pub(super) struct Arguments {
     /// interval of checkpoints stays the same
     #[arg(long)]
     resume: bool,
+    /// Numbers at the points of muscles in frames, some of displacement_m, edge_stretch, speed_m_s, attached; or none
+    /// [default: all]
+    #[arg(long, value_name = "NAME,...", conflicts_with = "resume", value_parser = fields)]
+    fields: Option<FrameFields>,
+    /// Frames with all digits of the computation, two to three times as large; without it, positions are Float32 and
+    /// numbers at points have 13 bits. bones.csv has the poses of bones with all digits in either case
+    #[arg(long, conflicts_with = "resume")]
+    exact: bool,
     #[command(flatten)]
     meshes: Meshes,
+}
+
+/// Names of numbers at points.
+#[derive(Clone, Debug)]
+struct FrameFields(Vec<&'static str>);
+
+/// Reads names of numbers at points.
+fn fields(text: &str) -> Result<FrameFields, String> {
+    if text == "none" {
+        return Ok(FrameFields(Vec::new()));
+    }
+    let known = |name: &str| {
+        let found = FIELDS.into_iter().find(|field| *field == name);
+        found.ok_or_else(|| {
+            format!(
+                "no number is named `{name}`; there are {}, or none",
+                FIELDS.join(", ")
+            )
+        })
+    };
+    let names = text.split(',').map(|name| known(name.trim()));
+    Ok(FrameFields(names.collect::<Result<_, _>>()?))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -92,6 +125,18 @@ enum Animation {
 }
 
 impl Arguments {
+    /// Contents of the files of frames.
+    fn stored(&self) -> Stored {
+        let fields = self
+            .fields
+            .clone()
+            .map_or(FIELDS.to_vec(), |FrameFields(names)| names);
+        Stored {
+            fields,
+            exact: self.exact,
+        }
+    }
+
     /// The first frames of a scene in a file.
     pub(super) fn of_first_frames(scene: &Path, frames: u32, output: Output) -> Self {
         Self {
@@ -168,11 +213,25 @@ fn of_muscles(
     let simulation = Simulation::with(scene, assets, plan);
     PREPARING.store(false, Ordering::Relaxed);
     let mut simulation = simulation.map_err(refused)?;
+    if !arguments.output.printing.quiet {
+        let megabytes = number(bytes_of_run(&simulation, &arguments.stored()) as f64 * 1e-6);
+        let folder = out.display();
+        warn(&format!(
+            "{} frames, about {megabytes} MB, into {folder}",
+            simulation.scene.frames
+        ));
+    }
     let animate = arguments.animate.is_some();
     let (mut results, every) = match resumed {
         Some(bytes) => resume::go_on(&out, &bytes, &mut simulation, animate, begun)?,
         None => (
-            Results::begin(Folder::open(&out)?, &simulation, animate, begun),
+            Results::begin(
+                Folder::open(&out)?,
+                &simulation,
+                arguments.stored(),
+                animate,
+                begun,
+            ),
             0,
         ),
     };

@@ -80,7 +80,7 @@ fn keys(path: Option<&str>) -> Result<Vec<Explained>, Failure> {
 fn explained(key: Option<&str>, page: bool) -> Result<RunOutput<'static>, Failure> {
     let keys = keys(key)?;
     let json = keys.iter().map(|key| {
-        json!({"kind": key.kind, "key": key.path, "example": key.example, "takes": key.takes, "about": key.about})
+        json!({"kind": key.kind, "key": key.path, "example": key.example, "takes": key.takes, "default": key.default, "about": key.about})
     });
     Ok(RunOutput {
         kind: "scenes",

@@ -36,8 +36,7 @@ pub(super) struct Arguments {
     /// Frame of the equilibrium [default: the last one]
     #[arg(long, value_name = "FRAME", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     at: Option<u32>,
-    /// Runs of the scene beside the derivatives: one for each value at the upper end of its interval; two in
-    /// place of its derivative; or none
+    /// Runs beside the derivatives: check is one at the end of each interval, instead is two in place of the derivative
     #[arg(long, value_enum, default_value_t = Runs::Check)]
     runs: Runs,
     #[command(flatten)]

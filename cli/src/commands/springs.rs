@@ -95,8 +95,8 @@ pub(super) struct Arguments {
     /// Device of a lattice: cpu, or gpu for a graphics card
     #[arg(long, value_name = "NAME", default_value = "cpu", value_parser = DEVICES)]
     device: String,
-    /// Method on a graphics card: single, forces and motion in one pass; point, each point gathers its forces; edge, each
-    /// spring stores its force [default: single]
+    /// Method on a graphics card: single is one pass, in point each point gathers its forces, in edge each spring stores
+    /// its force [default: single]
     #[arg(long, value_name = "NAME", value_parser = GPU_METHODS)]
     method: Option<String>,
     /// Adaptive time step: it grows while it is stable; an unstable step is repeated with half the

@@ -193,7 +193,7 @@ fn put(path: &Path, pose: &Pose) -> io::Result<()> {
         points: &points,
         triangles: &pose.mesh.triangles,
         lines: &lines,
-        point_data: Vec::new(),
+        ..PolyData::default()
     };
     vtp::write(path, &data)
 }

@@ -398,9 +398,9 @@ impl<'a> Bundle<'a> {
         let point_data = vec![("along", put.along)];
         let data = PolyData {
             points: &put.points,
-            triangles: &[],
             lines: &put.lines,
             point_data,
+            ..PolyData::default()
         };
         vtp::write_with_cells(path, &data, &cells)
     }
@@ -422,8 +422,7 @@ impl<'a> Bundle<'a> {
         let data = PolyData {
             points,
             triangles,
-            lines: &[],
-            point_data: Vec::new(),
+            ..PolyData::default()
         };
         vtp::write_with_cells(path, &data, &[("area", area)])
     }

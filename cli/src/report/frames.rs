@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::folder::{CHECKPOINT, Folder, FolderError};
 use pliant::TriangleMesh;
 use pliant::io::pvd::{Collection, Entry};
-use pliant::io::vtp::{self, PolyData};
+use pliant::io::vtp::{self, PolyData, SeriesWriter};
 use pliant::simulation::{BodyDescription, FrameState, SceneDescription, strain_at_vertices};
 
 /// Greatest number of frames in the queue of the writer; more would only use memory.
@@ -20,6 +20,27 @@ const WAITING: usize = 4;
 /// The file that shows a body in a frame.
 pub fn file_at(body: &BodyDescription, frame: usize) -> String {
     format!("frames/{}_{frame:04}.vtp", body.file)
+}
+
+/// The numbers at the points of a body that frames can have.
+pub const FIELDS: [&str; 4] = ["displacement_m", "edge_stretch", "speed_m_s", "attached"];
+
+/// Contents of the files of frames.
+#[derive(Clone, Debug)]
+pub struct Stored {
+    /// Names of the numbers at points, some of [`FIELDS`].
+    pub fields: Vec<&'static str>,
+    /// True for all digits, false for files of a third of the size ([`PolyData::compact`]).
+    pub exact: bool,
+}
+
+impl Default for Stored {
+    fn default() -> Self {
+        Self {
+            fields: FIELDS.to_vec(),
+            exact: false,
+        }
+    }
 }
 
 /// Mean absolute strain of a body's edges at each vertex, at positions `x`.
@@ -34,6 +55,8 @@ pub struct Listing {
     pub collection: Collection,
     /// The last pose of each bone, and its file.
     bones: Vec<Option<(Isometry3<f64>, String)>>,
+    /// The poses of all bones in each frame so far, with its number and its time [s].
+    poses: Vec<(usize, f64, Vec<Isometry3<f64>>)>,
 }
 
 /// The files of one frame: of each muscle and its fibres, if any, and of the bones that moved.
@@ -64,7 +87,37 @@ impl Listing {
         Self {
             collection: Collection::new(),
             bones: vec![None; cast.bones.len()],
+            poses: Vec::new(),
         }
+    }
+
+    /// Keeps only the frames whose files are among the first `files`.
+    fn truncate(&mut self, files: usize) {
+        self.collection.truncate(files);
+        let last = self.collection.entries().last().map(|entry| entry.time);
+        let complete = self
+            .poses
+            .iter()
+            .take_while(|(_, time, _)| last.is_some_and(|t| *time <= t));
+        let complete = complete.count();
+        self.poses.truncate(complete);
+    }
+
+    /// The poses of bones as a table: from the points of the mesh [m] to the scene, a rotation by a unit quaternion and then
+    /// a translation, with all digits.
+    pub fn pose_table(&self, cast: &SceneDescription) -> Option<String> {
+        if cast.bones.is_empty() {
+            return None;
+        }
+        let mut text = String::from("frame,time_s,bone,x_m,y_m,z_m,qw,qx,qy,qz\n");
+        for (frame, time, poses) in &self.poses {
+            for ((name, _), pose) in cast.bones.iter().zip(poses) {
+                let (t, q) = (pose.translation.vector, pose.rotation.coords);
+                let numbers = [t.x, t.y, t.z, q.w, q.x, q.y, q.z].map(|n| n.to_string());
+                text.push_str(&format!("{frame},{time},{name},{}\n", numbers.join(",")));
+            }
+        }
+        Some(text)
     }
 
     /// Adds the next frame, at `time` [s] with bones at `poses`. Returns its files.
@@ -75,7 +128,10 @@ impl Listing {
         time: f64,
         poses: &[Isometry3<f64>],
     ) -> Files {
-        let Self { collection, bones } = self;
+        self.poses.push((frame, time, poses.to_vec()));
+        let Self {
+            collection, bones, ..
+        } = self;
         let mut part = 0;
         let mut list = |name: &str, file: &str| {
             collection.push(Entry {
@@ -135,16 +191,27 @@ pub struct FrameWriter {
 #[derive(Debug)]
 pub struct Written {
     /// The files of all frames that are complete.
-    pub collection: Collection,
+    pub listing: Option<Listing>,
     /// The error that ended the writing.
     pub error: Option<FolderError>,
 }
 
 impl FrameWriter {
     /// Starts the thread; `listing` contains the existing frames.
-    pub fn start(folder: Arc<Folder>, cast: Arc<SceneDescription>, listing: Listing) -> Self {
+    pub fn start(
+        folder: Arc<Folder>,
+        cast: Arc<SceneDescription>,
+        listing: Listing,
+        stored: Stored,
+    ) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
-        let thread = std::thread::spawn(move || write_all(&folder, &cast, &receiver, listing));
+        let files = FrameFiles {
+            folder,
+            cast,
+            stored,
+            series: SeriesWriter::new(),
+        };
+        let thread = std::thread::spawn(move || write_all(files, &receiver, listing));
         Self { sender, thread }
     }
 
@@ -164,25 +231,20 @@ impl FrameWriter {
     pub fn finish(self) -> Written {
         drop(self.sender);
         self.thread.join().unwrap_or(Written {
-            collection: Collection::new(),
+            listing: None,
             error: Some(FolderError::WriterEnded),
         })
     }
 }
 
-fn write_all(
-    folder: &Folder,
-    cast: &SceneDescription,
-    jobs: &Receiver<Job>,
-    mut listing: Listing,
-) -> Written {
+fn write_all(mut files: FrameFiles, jobs: &Receiver<Job>, mut listing: Listing) -> Written {
     let mut error = None;
     for job in jobs {
         let complete = listing.collection.entries().len();
         let done = match job {
-            Job::Frame(snapshot) => write_frame(folder, cast, &snapshot, &mut listing),
+            Job::Frame(snapshot) => files.write(&snapshot, &mut listing),
             // The data of a checkpoint must be safe on the disk.
-            Job::Checkpoint(bytes) => folder.write(CHECKPOINT, |w| {
+            Job::Checkpoint(bytes) => files.folder.write(CHECKPOINT, |w| {
                 w.write_all(&bytes)?;
                 w.flush()?;
                 w.get_ref().sync_data()
@@ -190,58 +252,68 @@ fn write_all(
         };
         error = done.err();
         if error.is_some() {
-            listing.collection.truncate(complete);
+            listing.truncate(complete);
             break;
         }
     }
     Written {
-        collection: listing.collection,
+        listing: Some(listing),
         error,
     }
 }
 
-fn write_frame(
-    folder: &Folder,
-    cast: &SceneDescription,
-    snapshot: &FrameState,
-    listing: &mut Listing,
-) -> Result<(), FolderError> {
-    let files = listing.add(cast, snapshot.frame, snapshot.time, &snapshot.bones);
-    let written = write_files(folder, cast, snapshot, &files);
-    if written.is_err() {
-        // Without half a frame a full disk has room for the index of the others.
-        files.all().for_each(|file| folder.discard(file));
-    }
-    written
+/// Writes the files of frames.
+struct FrameFiles {
+    folder: Arc<Folder>,
+    cast: Arc<SceneDescription>,
+    stored: Stored,
+    series: SeriesWriter,
 }
 
-fn write_files(
-    folder: &Folder,
-    cast: &SceneDescription,
-    snapshot: &FrameState,
-    Files { muscles, bones }: &Files,
-) -> Result<(), FolderError> {
-    for ((actor, (x, v)), (file, fibres)) in cast.bodies.iter().zip(&snapshot.bodies).zip(muscles) {
-        put(folder, file, &muscle_data(actor, x, v))?;
-        if let Some(file) = fibres {
-            put_lines(folder, file, &actor.fibres.at(x))?;
+impl FrameFiles {
+    fn write(&mut self, snapshot: &FrameState, listing: &mut Listing) -> Result<(), FolderError> {
+        let files = listing.add(&self.cast, snapshot.frame, snapshot.time, &snapshot.bones);
+        let written = self.write_files(snapshot, &files);
+        if written.is_err() {
+            // Without half a frame a full disk has room for the index of the others.
+            files.all().for_each(|file| self.folder.discard(file));
         }
+        written
     }
-    for (((_, mesh), pose), file) in cast.bones.iter().zip(&snapshot.bones).zip(bones) {
-        if let Some(file) = file {
-            let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
-            put(
-                folder,
-                file,
-                &PolyData {
-                    points: &points,
-                    triangles: &mesh.triangles,
-                    ..PolyData::default()
-                },
-            )?;
+
+    fn write_files(&mut self, snapshot: &FrameState, files: &Files) -> Result<(), FolderError> {
+        let cast = self.cast.clone();
+        let bodies = cast.bodies.iter().zip(&snapshot.bodies).zip(&files.muscles);
+        for ((actor, (x, v)), (file, fibres)) in bodies {
+            let data = muscle_data(actor, x, v, &self.stored);
+            self.put(file, &data)?;
+            if let Some(file) = fibres {
+                let compact = !self.stored.exact;
+                lines_data(&actor.fibres.at(x), compact, |data| self.put(file, data))?;
+            }
         }
+        for (((_, mesh), pose), file) in cast.bones.iter().zip(&snapshot.bones).zip(&files.bones) {
+            if let Some(file) = file {
+                let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
+                self.put(
+                    file,
+                    &PolyData {
+                        points: &points,
+                        triangles: &mesh.triangles,
+                        compact: !self.stored.exact,
+                        ..PolyData::default()
+                    },
+                )?;
+            }
+        }
+        Ok(())
     }
-    Ok(())
+
+    fn put(&mut self, file: &str, data: &PolyData<'_>) -> Result<(), FolderError> {
+        let path = self.folder.claim(file)?;
+        let written = self.series.write(&path, data);
+        written.map_err(|source| FolderError::Io { path, source })
+    }
 }
 
 /// Approximate sizes of the files of a frame [bytes].
@@ -252,17 +324,35 @@ pub struct FrameBytes {
     pub bones: Vec<u64>,
 }
 
-/// The sizes of the files of a frame.
-pub fn bytes(cast: &SceneDescription, snapshot: &FrameState) -> FrameBytes {
+/// Bytes of a number at a point after the compression, compact and exact, measured on the built-in scenes: at the start
+/// most of these numbers are zero, and their size is not that of later frames.
+const OF_NUMBER: [u64; 2] = [17, 72];
+
+/// The sizes of the files of a frame like `snapshot`, the start. Tenths of [`OF_NUMBER`] count for numbers at points.
+pub fn bytes(cast: &SceneDescription, snapshot: &FrameState, stored: &Stored) -> FrameBytes {
+    let compact = !stored.exact;
     let bodies = cast.bodies.iter().zip(&snapshot.bodies);
     let muscles = bodies.map(|(actor, (x, v))| {
-        let fibres = lines_data(&actor.fibres.at(x), vtp::bytes);
-        vtp::bytes(&muscle_data(actor, x, v)) + if actor.fibres.is_empty() { 0 } else { fibres }
+        let shapes = Stored {
+            fields: Vec::new(),
+            ..stored.clone()
+        };
+        let varying = stored.fields.iter().filter(|name| **name != "attached");
+        let numbers: usize = varying
+            .map(|name| if *name == "displacement_m" { 3 } else { 1 })
+            .sum();
+        let of_numbers = (numbers * x.len()) as u64 * OF_NUMBER[usize::from(stored.exact)] / 10;
+        let fibres = match actor.fibres.is_empty() {
+            true => 0,
+            false => lines_data(&actor.fibres.at(x), compact, size),
+        };
+        size(&muscle_data(actor, x, v, &shapes)) + of_numbers + fibres
     });
     let of_bone = |mesh: &TriangleMesh| {
-        vtp::bytes(&PolyData {
+        size(&PolyData {
             points: &mesh.vertices,
             triangles: &mesh.triangles,
+            compact,
             ..PolyData::default()
         })
     };
@@ -272,39 +362,47 @@ pub fn bytes(cast: &SceneDescription, snapshot: &FrameState) -> FrameBytes {
     }
 }
 
+/// The size of a file; zero for data that cannot be written, which the writer reports.
+fn size(data: &PolyData<'_>) -> u64 {
+    vtp::bytes(data).unwrap_or(0)
+}
+
 fn muscle_data<'a>(
     actor: &'a BodyDescription,
     x: &'a [Point3<f64>],
     v: &[Vector3<f64>],
+    stored: &Stored,
 ) -> PolyData<'a> {
-    let moved = x
-        .iter()
-        .zip(&actor.rest.vertices)
-        .flat_map(|(now, rest)| <[f64; 3]>::from(now - rest));
+    let values = |name: &str| match name {
+        "displacement_m" => {
+            let moved = x.iter().zip(&actor.rest.vertices);
+            moved
+                .flat_map(|(now, rest)| <[f64; 3]>::from(now - rest))
+                .collect()
+        }
+        "edge_stretch" => stretch(actor, x),
+        "speed_m_s" => v.iter().map(Vector3::norm).collect(),
+        _ => actor.attached.clone(),
+    };
     PolyData {
         points: x,
         triangles: &actor.rest.triangles,
         lines: &actor.lines,
-        point_data: vec![
-            ("displacement_m", moved.collect()),
-            ("edge_stretch", stretch(actor, x)),
-            ("speed_m_s", v.iter().map(Vector3::norm).collect()),
-            ("attached", actor.attached.clone()),
-        ],
+        point_data: stored
+            .fields
+            .iter()
+            .map(|name| (*name, values(name)))
+            .collect(),
+        compact: !stored.exact,
     }
 }
 
-fn put(folder: &Folder, file: &str, data: &PolyData<'_>) -> Result<(), FolderError> {
-    let path = folder.claim(file)?;
-    vtp::write(&path, data).map_err(|source| FolderError::Io { path, source })
-}
-
-fn put_lines(folder: &Folder, file: &str, lines: &[Vec<Point3<f64>>]) -> Result<(), FolderError> {
-    lines_data(lines, |data| put(folder, file, data))
-}
-
 /// Passes polylines as data of a file to `with`.
-fn lines_data<T>(lines: &[Vec<Point3<f64>>], with: impl FnOnce(&PolyData<'_>) -> T) -> T {
+fn lines_data<T>(
+    lines: &[Vec<Point3<f64>>],
+    compact: bool,
+    with: impl FnOnce(&PolyData<'_>) -> T,
+) -> T {
     let points: Vec<Point3<f64>> = lines.iter().flatten().copied().collect();
     let mut numbers = 0u32..;
     let lines: Vec<Vec<u32>> = lines
@@ -314,6 +412,7 @@ fn lines_data<T>(lines: &[Vec<Point3<f64>>], with: impl FnOnce(&PolyData<'_>) ->
     with(&PolyData {
         points: &points,
         lines: &lines,
+        compact,
         ..PolyData::default()
     })
 }

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 
 use super::audit::RunAudit;
 use super::folder::FolderError;
-use super::frames::{Listing, file_at};
+use super::frames::{FIELDS, Listing, Stored, file_at};
 use super::quality::RunQuality;
 use super::record::{FrameTimes, Record};
 use super::results::severity;
@@ -28,6 +28,8 @@ type Clock = Vec<(String, (f64, u64))>;
 pub struct Gathered {
     /// Number of frames between checkpoints.
     pub every: usize,
+    /// Contents of the files of frames.
+    pub stored: Stored,
     /// Time so far, including reading, and the part for the preparation [s].
     pub times_s: (f64, f64),
     clocks: Vec<Clock>,
@@ -43,11 +45,13 @@ pub fn save(
     record: &Record,
     audit: &AuditSummary,
     quality: &RunQuality,
-    every: usize,
+    (every, stored): (usize, &Stored),
     times_s: (f64, f64),
 ) -> Vec<u8> {
     let mut writer = Writer::default();
     writer.put(&every);
+    writer.put(&stored.exact);
+    writer.put(&FIELDS.map(|name| stored.fields.contains(&name)).to_vec());
     writer.put(&times_s);
     let clock = |name: &&'static str, spent: &(f64, u64)| ((*name).to_owned(), *spent);
     let clocks = simulation.bodies.iter().map(|b| {
@@ -74,6 +78,12 @@ impl Gathered {
     pub fn open(bytes: &[u8], simulation: &Simulation) -> Result<Self, DecodeError> {
         let mut from = Reader::new(bytes);
         let every = from.take()?;
+        let exact = from.take()?;
+        let is_stored: Vec<bool> = from.take()?;
+        from.check(is_stored.len() == FIELDS.len(), "other fields of frames")?;
+        let fields = FIELDS.into_iter().zip(is_stored);
+        let fields = fields.filter_map(|(name, is_stored)| is_stored.then_some(name));
+        let fields = fields.collect();
         let times_s = from.take()?;
         let clocks: Vec<Clock> = from.take()?;
         let bodies = &simulation.bodies;
@@ -104,6 +114,7 @@ impl Gathered {
         from.end()?;
         Ok(Self {
             every,
+            stored: Stored { fields, exact },
             times_s,
             clocks,
             measures,

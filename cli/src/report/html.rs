@@ -16,6 +16,8 @@ pub struct Report {
     pub subtitle: String,
     /// Results of checks.
     pub verdict: Vec<Verdict>,
+    /// Tables directly below the checks.
+    pub lead: Vec<Table>,
     /// Findings that are neither right nor wrong, below the checks.
     pub findings: Vec<String>,
     /// Caption and bytes (PNG or GIF) of each picture, shown side by side.
@@ -70,7 +72,11 @@ tr:first-child>*{border-top:0}
 th{color:var(--soft);font-weight:600;font-size:13px}
 .n{text-align:right;white-space:nowrap}
 .notes{color:var(--soft)}
-@media print{body{background:#fff}main{max-width:none;padding:0}.card{break-inside:avoid}}
+.next{display:block;color:var(--soft)}
+@media print{:root{color-scheme:light;--page:#fff;--card:#fff;--ink:#000;--soft:#444;--line:#bbb;--good:#1a7f4b;--bad:#c0341d}\
+main{max-width:none;padding:0}body{font-size:10pt}h2{break-after:avoid}.card{break-inside:avoid}\
+.scroll{overflow:visible}.scroll table{font-size:8pt}th,td{padding:3px 6px}.n{white-space:normal}\
+.pictures{grid-template-columns:1fr 1fr}.plots{grid-template-columns:1fr 1fr}.turntable{display:none}}
 ";
 
 impl Report {
@@ -96,8 +102,16 @@ impl Report {
             let _ = writeln!(html, "<p class=\"subtitle\">{}</p>", escape(&self.subtitle));
         }
         self.write_verdict(&mut html);
-        write_pictures(&mut html, "pictures", &self.pictures);
-        write_pictures(&mut html, "sheets", &self.sheets);
+        self.lead
+            .iter()
+            .for_each(|table| write_table(&mut html, table));
+        write_pictures(&mut html, ("Pictures", "pictures"), &self.pictures);
+        let of_sheets = if self.pictures.is_empty() {
+            "Pictures"
+        } else {
+            "Larger pictures"
+        };
+        write_pictures(&mut html, (of_sheets, "sheets"), &self.sheets);
         self.turntable
             .iter()
             .for_each(|table| table.write(&mut html));
@@ -165,7 +179,7 @@ impl Report {
             let _ = writeln!(
                 html,
                 "<li class=\"{class}\"><b>{mark}</b><span>{}</span></li>",
-                escape(&with_advice(verdict))
+                with_advice(verdict)
             );
         }
         for text in &self.findings {
@@ -179,12 +193,16 @@ impl Report {
     }
 }
 
-/// Writes pictures in a grid with a class.
-fn write_pictures(html: &mut String, class: &str, pictures: &[(String, Vec<u8>)]) {
+/// Writes pictures under a heading in a grid with a class.
+fn write_pictures(
+    html: &mut String,
+    (heading, class): (&str, &str),
+    pictures: &[(String, Vec<u8>)],
+) {
     if pictures.is_empty() {
         return;
     }
-    let _ = writeln!(html, "<h2>Pictures</h2>\n<div class=\"grid {class}\">");
+    let _ = writeln!(html, "<h2>{heading}</h2>\n<div class=\"grid {class}\">");
     for (caption, bytes) in pictures {
         let kind = if bytes.starts_with(b"GIF8") {
             "gif"
@@ -265,9 +283,15 @@ pub(super) fn base64(bytes: &[u8]) -> String {
 
 /// A verdict as one line, with the advice for a failure.
 fn with_advice(verdict: &Verdict) -> String {
-    let advice = verdict.what_to_do.iter();
-    let parts = std::iter::once(verdict.to_text()).chain(advice.cloned());
-    parts.collect::<Vec<_>>().join("; ")
+    let mut text = escape(&verdict.to_text());
+    if let Some(advice) = &verdict.what_to_do {
+        let _ = write!(
+            text,
+            "<span class=\"next\">Next step: {}</span>",
+            escape(advice)
+        );
+    }
+    text
 }
 
 #[cfg(test)]
@@ -297,6 +321,7 @@ mod tests {
             title: evil(),
             subtitle: evil(),
             verdict: vec![Verdict::new(evil(), true), Verdict::new(evil(), false)],
+            lead: vec![table.clone()],
             findings: Vec::new(),
             pictures: vec![(evil(), b"\"><script>".to_vec())],
             sheets: vec![(evil(), Vec::new())],
@@ -319,7 +344,7 @@ mod tests {
         assert_eq!(
             html.matches("&lt;script src=&#39;http://x&#39;&gt;")
                 .count(),
-            20
+            24
         );
     }
 
@@ -378,7 +403,7 @@ mod tests {
         assert!(html.contains("1 of 2 checks fails"));
         assert!(html.find("no vertex in a bone") < html.find("volume kept"));
         assert!(
-            html.contains("; use more substeps"),
+            html.contains("Next step: use more substeps"),
             "the advice of a failure"
         );
         let html = Report {

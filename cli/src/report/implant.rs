@@ -348,7 +348,6 @@ fn write_skin(shown: &Shown, limit: f64, path: &Path) -> io::Result<()> {
     let data = vtp::PolyData {
         points: &shown.skin.vertices,
         triangles: &shown.skin.triangles,
-        lines: &[],
         point_data: vec![
             ("stretch", shown.stretch.clone()),
             ("over_limit", shown.stretch.iter().map(over).collect()),
@@ -363,6 +362,7 @@ fn write_skin(shown: &Shown, limit: f64, path: &Path) -> io::Result<()> {
                 moved(&shown.lower[0], &shown.lower[1]),
             ),
         ],
+        ..vtp::PolyData::default()
     };
     vtp::write(path, &data)
 }

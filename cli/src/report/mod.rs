@@ -25,6 +25,7 @@ pub mod pictures;
 pub mod quality;
 pub mod plan;
 mod plot;
+pub mod provenance;
 pub mod record;
 pub mod register;
 pub mod results;

@@ -540,8 +540,8 @@ impl Morph<'_> {
         let data = PolyData {
             points: &shape.places,
             triangles: &self.between.triangles,
-            lines: &[],
             point_data,
+            ..PolyData::default()
         };
         vtp::write(path, &data)
     }

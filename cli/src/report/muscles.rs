@@ -169,6 +169,7 @@ pub(super) fn output(
         certificate: Some(certificate(&simulation.certificate())),
         start: Some(starts(simulation)),
         text: shown::text(&muscles),
+        lead: vec![shown::error_table(&muscles)],
         tables,
         audit: Some(audit.measures()),
         plots: plots.into_iter().map(plot).collect(),

@@ -11,6 +11,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::folder::{Folder, FolderError};
+use super::provenance::Provenance;
 use super::{LinePlot, Report, Table, Turntable};
 use pliant::format::number;
 use pliant::simulation::Plan;
@@ -318,6 +319,8 @@ pub struct RunOutput<'a> {
     pub text: String,
     /// Number of tables that a terminal shows, from the first.
     pub tables_of_text: usize,
+    /// Tables directly below the checks of the page, such as the error of the result.
+    pub lead: Vec<Table>,
     /// Tables of the page.
     pub tables: Vec<Table>,
     /// Heading over the plots.
@@ -416,7 +419,10 @@ impl RunOutput<'_> {
     /// # Errors
     /// A file that cannot be written.
     pub fn write(mut self, folder: &Folder) -> Result<Value, FolderError> {
-        let summary = self.summary();
+        let mut summary = self.summary();
+        let provenance = Provenance::now();
+        summary["provenance"] = json!(provenance);
+        self.tables.push(provenance.table());
         for file in std::mem::take(&mut self.files) {
             let path = folder.claim(&file.name)?;
             (file.fill)(&path).map_err(|source| FolderError::Io { path, source })?;
@@ -452,6 +458,7 @@ impl RunOutput<'_> {
             title: self.title,
             subtitle: self.subtitle,
             verdict: self.verdicts,
+            lead: self.lead,
             findings: self.findings,
             pictures: shown(pictures),
             sheets: shown(sheets),

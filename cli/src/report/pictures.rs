@@ -139,7 +139,7 @@ impl Stage {
 
     /// The legend of the colours.
     pub fn legend(&self) -> Legend {
-        Legend::new("Edge stretch", "%", self.range, ColourMap::Viridis)
+        Legend::new("Mean edge stretch", "%", self.range, ColourMap::Viridis)
     }
 }
 
@@ -158,6 +158,22 @@ pub struct Painter<'a> {
     shown: Shown,
 }
 
+/// The boxes around the bones that move, in each frame that is shown.
+fn moving_bones(cast: &SceneDescription, shots: &Shots) -> Vec<Aabb> {
+    let mut boxes = Vec::new();
+    for (b, (_, mesh)) in cast.bones.iter().enumerate() {
+        let poses: Vec<_> = shots.all().filter_map(|shot| shot.bones.get(b)).collect();
+        if poses.iter().all(|pose| *pose == poses[0]) {
+            continue;
+        }
+        for pose in poses {
+            let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
+            boxes.push(Aabb::of_points(&points));
+        }
+    }
+    boxes
+}
+
 impl<'a> Painter<'a> {
     /// A painter for these shots; `None` without any.
     pub fn new(cast: &'a SceneDescription, shots: &Shots) -> Option<Self> {
@@ -168,6 +184,8 @@ impl<'a> Painter<'a> {
             .flat_map(|s| &s.bodies)
             .map(|(x, _)| Aabb::of_points(x))
             .reduce(|a, b| a.union(&b))?;
+        let bones = moving_bones(cast, shots).into_iter();
+        let bounds = bones.fold(bounds, |a, b| a.union(&b));
         let covered = covered_stretch(cast, worst.bodies.iter().map(|(x, _)| x.as_slice()));
         Some(Self {
             cast,

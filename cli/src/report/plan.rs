@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
 use super::Table;
-use super::frames;
+use super::frames::{self, Stored};
 use super::muscles::{start_checks, starts};
 use super::output::Verdict;
 use super::pictures::Painter;
@@ -116,14 +116,7 @@ impl<'a> Prepared<'a> {
 
     /// Approximate size of the frames of a run [bytes].
     pub fn bytes_on_disk(&self) -> u64 {
-        let simulation = self.simulation;
-        let frames = simulation.scene.frames;
-        let first = frames::bytes(&simulation.description(), &simulation.state());
-        let bones = first.bones.iter().enumerate();
-        let of_bones: u64 = bones
-            .map(|(bone, bytes)| bytes * (1 + frames_of_motion(simulation, bone)))
-            .sum();
-        of_bones + first.muscles * (frames as u64 + 1)
+        bytes_of_run(self.simulation, &Stored::default())
     }
 
     /// Notes on the start, and the size of the results.
@@ -185,6 +178,17 @@ fn attachments(simulation: &Simulation, m: usize) -> Vec<Attachment> {
         });
     }
     all
+}
+
+/// Approximate size of the frames of a run [bytes].
+pub fn bytes_of_run(simulation: &Simulation, stored: &Stored) -> u64 {
+    let frames = simulation.scene.frames;
+    let first = frames::bytes(&simulation.description(), &simulation.state(), stored);
+    let bones = first.bones.iter().enumerate();
+    let of_bones: u64 = bones
+        .map(|(bone, bytes)| bytes * (1 + frames_of_motion(simulation, bone)))
+        .sum();
+    of_bones + first.muscles * (frames as u64 + 1)
 }
 
 /// Approximate number of frames in which a bone has another pose than in the frame before.

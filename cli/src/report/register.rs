@@ -384,8 +384,8 @@ impl Registration<'_> {
         let data = PolyData {
             points: &registration.points,
             triangles: &mesh.triangles,
-            lines: &[],
             point_data,
+            ..PolyData::default()
         };
         vtp::write(path, &data)
     }
@@ -397,8 +397,8 @@ impl Registration<'_> {
         let data = PolyData {
             points: &fixed.vertices,
             triangles: &fixed.triangles,
-            lines: &[],
             point_data: vec![("distance", distances)],
+            ..PolyData::default()
         };
         vtp::write(path, &data)
     }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::audit::RunAudit;
 use super::folder::{Folder, FolderError};
-use super::frames::Listing;
+use super::frames::{Listing, Stored};
 use super::gathered::{self, Gathered};
 use super::muscles;
 use super::quality::RunQuality;
@@ -23,6 +23,8 @@ pub struct Results {
     record: Record,
     audit: RunAudit,
     quality: RunQuality,
+    /// Contents of the files of frames, for checkpoints.
+    stored: Stored,
     checkpoints: Option<Checkpoints>,
 }
 
@@ -37,12 +39,20 @@ struct Checkpoints {
 impl Results {
     /// Starts with the first state of `simulation`; `begun` is the start of the run including all
     /// reading.
-    pub fn begin(folder: Folder, simulation: &Simulation, animate: bool, begun: Instant) -> Self {
+    pub fn begin(
+        folder: Folder,
+        simulation: &Simulation,
+        stored: Stored,
+        animate: bool,
+        begun: Instant,
+    ) -> Self {
         let scene = simulation.description();
         let (listing, shots) = (Listing::new(&scene), Shots::new(animate));
-        let frames = Frames::start(folder, scene, listing, shots, begun, Default::default());
+        let with = (listing, stored.clone());
+        let frames = Frames::start(folder, scene, with, shots, begun, Default::default());
         Self {
             frames,
+            stored,
             record: Record::default(),
             audit: RunAudit::new(),
             quality: RunQuality::default(),
@@ -69,13 +79,22 @@ impl Results {
         let scene = simulation.description();
         let audit = gathered.audit(simulation, &first);
         let quality = std::mem::take(&mut gathered.quality);
+        let stored = gathered.stored.clone();
         let shots = gathered.shots(&scene, simulation, root, first, animate)?;
         let (listing, files) = gathered::listing(&scene, simulation);
         let folder = Folder::resume(root, &files, |file| !animate && file.ends_with(".gif"))?;
         let (total, prepared) = gathered.times_s;
         let earlier = (seconds(total), seconds(prepared));
         Ok(Self {
-            frames: Frames::start(folder, scene, listing, shots, begun, earlier),
+            frames: Frames::start(
+                folder,
+                scene,
+                (listing, stored.clone()),
+                shots,
+                begun,
+                earlier,
+            ),
+            stored,
             record: gathered.record(simulation),
             audit,
             quality,
@@ -110,7 +129,7 @@ impl Results {
             &self.record,
             &self.audit.summary,
             &self.quality,
-            due.every,
+            (due.every, &self.stored),
             spent,
         );
         let bytes = checkpoint::save(simulation, &due.fingerprint, &beside);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::folder::{Folder, FolderError};
-use super::frames::{FrameWriter, Listing, Written};
+use super::frames::{FrameWriter, Listing, Stored, Written};
 use super::output::{Picture, RunOutput, SceneRun, Times, Verdict, effects, verdict_table};
 use super::pictures::Painter;
 use super::shots::Shots;
@@ -29,6 +29,8 @@ pub struct RunOptions {
     pub kind: Option<&'static str>,
     /// True for an animation.
     pub animate: bool,
+    /// Contents of the files of frames.
+    pub stored: Stored,
     /// Start of the run including all reading.
     pub begun: Instant,
     /// Names and values for the report.
@@ -37,6 +39,9 @@ pub struct RunOptions {
 
 /// The main files of every run.
 pub const FILES: [&str; 3] = ["report.html", "summary.json", "measures.csv"];
+
+/// The poses of bones in each frame.
+const POSES: &str = "bones.csv";
 
 /// The names of the main files of a run, to be checked before it.
 pub fn files(scene: &Content) -> Vec<String> {
@@ -68,14 +73,14 @@ impl Frames {
     pub(super) fn start(
         folder: Folder,
         scene: SceneDescription,
-        listing: Listing,
+        (listing, stored): (Listing, Stored),
         shots: Shots,
         begun: Instant,
         earlier: (Duration, Duration),
     ) -> Self {
         let (folder, scene) = (Arc::new(folder), Arc::new(scene));
         Self {
-            writer: FrameWriter::start(folder.clone(), scene.clone(), listing),
+            writer: FrameWriter::start(folder.clone(), scene.clone(), listing, stored),
             folder,
             scene,
             shots,
@@ -92,7 +97,7 @@ impl Frames {
         Self::start(
             folder,
             scene,
-            listing,
+            (listing, options.stored.clone()),
             shots,
             options.begun,
             Default::default(),
@@ -148,16 +153,23 @@ impl Frames {
             folder,
             scene,
             writer,
-            shots,
+            mut shots,
             begun,
             ..
         } = self;
-        let Written { collection, error } = writer.finish();
+        shots.round();
+        let Written { listing, error } = writer.finish();
+        let listing = listing.unwrap_or_else(|| Listing::new(&scene));
         let series = format!("{}.pvd", file_name(scenario.name()));
         let path = folder.claim(&series)?;
-        collection
+        listing
+            .collection
             .write(&path)
             .map_err(|source| FolderError::Io { path, source })?;
+        let poses = listing.pose_table(&scene);
+        if let Some(table) = &poses {
+            folder.write(POSES, |w| w.write_all(table.as_bytes()))?;
+        }
         let animation = write_animation(scenario, &folder, &scene, &shots)?;
         let (finish_s, own_run) = (finishing.elapsed().as_secs_f64(), own.scene.take());
         let mut scene_run = scene_run(scenario, own_run, ended, (prepare_s, finish_s));
@@ -196,7 +208,9 @@ impl Frames {
         );
         let beside = |name: &String| format!("animation: {name}, beside this page");
         output.explanations.extend(animation.iter().map(beside));
-        output.written.extend([series].into_iter().chain(animation));
+        let poses = poses.map(|_| POSES.to_owned());
+        let more = [series].into_iter().chain(poses).chain(animation);
+        output.written.extend(more);
         output.scene = Some(scene_run);
         Ok(Finished { folder, output })
     }

@@ -86,6 +86,17 @@ impl Shots {
         all
     }
 
+    /// Rounds the positions of bodies to those of compact files, so that a resumed run, which reads frames from files, draws the
+    /// same pictures.
+    pub(super) fn round(&mut self) {
+        for shot in self.all_mut() {
+            for (x, _) in &mut Arc::make_mut(shot).bodies {
+                x.iter_mut()
+                    .for_each(|p| *p = p.map(|c| f64::from(c as f32)));
+            }
+        }
+    }
+
     /// All stored frames; a frame of several pictures appears several times.
     pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Arc<FrameState>> {
         let Self {

@@ -209,7 +209,7 @@ fn a_unit_changes_lengths_and_nothing_else() {
 fn the_summary_of_a_run_is_that_of_its_files() {
     let scratch = Scratch::folder();
     let out = scratch.join("hip");
-    run_into(&out, &["hip", "--frames", "1", "--quiet"]);
+    run_into(&out, &["hip", "--frames", "1", "--exact", "--quiet"]);
     let of_run = super::json(&out.join("summary.json"));
     let (code, of_files) = audit(&out, &["--threads", "1"]);
     assert_eq!(code, Some(0), "{of_files}");

@@ -41,6 +41,7 @@ fn put_with(
             triangles: &mesh.triangles,
             lines: &[],
             point_data,
+            ..PolyData::default()
         },
     )
     .unwrap();

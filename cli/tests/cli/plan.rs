@@ -52,14 +52,16 @@ fn a_plan_shows_effects_and_attachments() {
 fn the_size_of_the_frames_is_known_before() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
-    run_into(&out, &["hip", "--frames", "3"]);
+    // Frames without motion have hardly any numbers at points: those that follow count.
+    run_into(&out, &["hip", "--frames", "20"]);
     let files = fs::read_dir(out.join("frames")).unwrap();
     let size: u64 = files.map(|f| f.unwrap().metadata().unwrap().len()).sum();
-    let done = plan("hip", &["--json", "--set", "frames=3"].map(str::to_owned));
+    let done = plan("hip", &["--json", "--set", "frames=20"].map(str::to_owned));
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     let said = measures(&found)["disk_bytes"].as_u64().unwrap();
     let ratio = said as f64 / size as f64;
-    assert!((0.99..=1.01).contains(&ratio), "{said} of {size}");
+    // How well a frame can be compressed is known when it is computed.
+    assert!((0.9..=1.1).contains(&ratio), "{said} of {size}");
 }
 
 #[test]
@@ -173,6 +175,9 @@ fn every_key_of_a_scene_is_explained() {
         // A section has neither example nor value.
         let [example, takes] = ["example", "takes"].map(|part| key[part].as_str().unwrap());
         assert_eq!(example.is_empty(), takes.is_empty(), "{key}");
+        // A key has a default or is needed.
+        let default = key["default"].as_str().unwrap();
+        assert!(takes.is_empty() || !default.is_empty(), "{key}");
     }
     let friction = keys(&["effects.contact.friction"]);
     assert_eq!(friction[0]["takes"], "a number of at least zero");

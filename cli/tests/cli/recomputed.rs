@@ -112,6 +112,7 @@ impl Run {
             &scene(scratch, effects),
             "--out",
             shown(&out),
+            "--exact",
             "--quiet",
         ]);
         assert!(

@@ -68,6 +68,7 @@ fn a_known_similarity_is_found_and_reported_as_a_matrix() {
         triangles: &moving.triangles,
         lines: &[],
         point_data: vec![("heat", heat.clone())],
+        ..PolyData::default()
     };
     vtp::write(&a, &data).unwrap();
     let (b, out) = (put(&scratch, "b.obj", &fixed), scratch.join("out"));

@@ -122,7 +122,7 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
         ];
         let done = pliant().args(fixed).args(more).output().unwrap();
         let mut said: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
-        said["time_s"] = 0.into();
+        (said["time_s"], said["provenance"]) = (0.into(), 0.into());
         for measured in ["ms_per_step", "first_step_s", "peak_bytes"] {
             said["springs"][measured] = 0.into();
         }

@@ -12,6 +12,7 @@ use pliant::scene::builtin;
 use pliant::simulation::{Ended, Simulation, scenario};
 use pliant::testing::Scratch;
 use pliant_cli::report::folder::Folder;
+use pliant_cli::report::frames::Stored;
 use pliant_cli::report::results::Results;
 use pliant_cli::report::run::{RunOptions, perform};
 use pliant_viewer::{Command, Pace, Replay, ReplayError, Session, Snapshot, Tissue};
@@ -47,11 +48,19 @@ fn was(simulation: &Simulation) -> Was {
     }
 }
 
+/// Frames with all digits.
+fn exact() -> Stored {
+    Stored {
+        exact: true,
+        ..Stored::default()
+    }
+}
+
 /// Runs muscles and writes their results.
 fn run_into(out: &Path, name: &str, overrides: &[&str], frames: usize) -> (Simulation, Vec<Was>) {
     let mut simulation = simulation(name, overrides);
     let folder = Folder::open(out).unwrap_or_else(|e| panic!("{e}"));
-    let mut results = Results::begin(folder, &simulation, false, Instant::now());
+    let mut results = Results::begin(folder, &simulation, exact(), false, Instant::now());
     assert!(results.frame(&simulation, Duration::ZERO));
     let mut all = vec![was(&simulation)];
     for _ in 0..frames {
@@ -458,6 +467,7 @@ fn run_staged(out: &Path, name: &str, overrides: &[&str]) {
     let options = RunOptions {
         kind: None,
         animate: false,
+        stored: exact(),
         begun: Instant::now(),
         settings: Vec::new(),
     };

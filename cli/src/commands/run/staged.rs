@@ -66,6 +66,7 @@ pub(super) fn run(
         options: RunOptions {
             kind: None,
             animate: arguments.animate.is_some(),
+            stored: arguments.stored(),
             begun,
             settings: super::settings(arguments),
         },

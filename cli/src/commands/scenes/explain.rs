@@ -6,12 +6,12 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use pliant::scene::{LAYOUTS, SOLVERS, Surroundings, parse_content};
+use pliant::scene::{Content, LAYOUTS, SOLVERS, SceneError, Surroundings, parse_content};
 
 use crate::report::Table;
 
 /// The files that the layouts name. They need not be there: another file stands for them.
-const FILES: [&str; 7] = [
+const FILES: [&str; 8] = [
     "$PLIANT_DATA/body/bones/Femur.r.obj",
     "femur.obj",
     "gluteus.obj",
@@ -19,6 +19,7 @@ const FILES: [&str; 7] = [
     "fibres.vtk",
     "skin.obj",
     "ribs.obj",
+    "ball.obj",
 ];
 
 /// Sections that the layouts have in a remark, and what makes the layout a scene that has them.
@@ -54,6 +55,8 @@ pub(super) struct Explained {
     pub example: String,
     /// What it takes; empty for a section.
     pub takes: String,
+    /// The value without it; "needed" for a key that must be there; empty for a section.
+    pub default: String,
     /// What it means.
     pub about: String,
 }
@@ -84,6 +87,7 @@ fn of_solvers(kind: &'static str, layout: &str, known: &[Explained]) -> Vec<Expl
             path: shown.clone(),
             example: String::new(),
             takes: String::new(),
+            default: String::new(),
             about: solver.help.to_owned(),
         });
         for (key, default) in solver.default.settings() {
@@ -94,6 +98,7 @@ fn of_solvers(kind: &'static str, layout: &str, known: &[Explained]) -> Vec<Expl
                 takes: takes(layout, &[before], &path),
                 path,
                 example: format!("{} = {default}", key.key),
+                default: default.to_string(),
                 about: key.help.to_owned(),
             });
         }
@@ -152,11 +157,21 @@ impl<'a> Reading<'a> {
         } else if let Some(name) = code.strip_prefix("[[").and_then(|c| c.strip_suffix("]]")) {
             let number = self.number(name);
             self.section = (format!("{}.{number}", self.within(name)), name.to_owned());
-            self.add(name.to_owned(), String::new(), String::new(), about);
+            self.add(
+                name.to_owned(),
+                String::new(),
+                [String::new(), String::new()],
+                about,
+            );
         } else if let Some(name) = code.strip_prefix('[').and_then(|c| c.strip_suffix(']')) {
             self.section = (self.within(name), name.to_owned());
-            self.add(name.to_owned(), String::new(), String::new(), about);
-        } else if let Some((key, _)) = code.split_once(" = ") {
+            self.add(
+                name.to_owned(),
+                String::new(),
+                [String::new(), String::new()],
+                about,
+            );
+        } else if let Some((key, value)) = code.split_once(" = ") {
             let below = |section: &str| match section {
                 "" => key.to_owned(),
                 section => format!("{section}.{key}"),
@@ -166,7 +181,13 @@ impl<'a> Reading<'a> {
             let before = other.map_or(&[][..], |(_, changes)| changes);
             let before: Vec<String> = before.iter().map(|change| (*change).to_owned()).collect();
             let takes = takes(self.layout, &before, &numbered);
-            self.add(path, code.to_owned(), takes, about);
+            let (about, bracket) = with_default(&about);
+            let default = match bracket {
+                Some(default) => default,
+                None if is_needed(self.layout, &before, &numbered) => "needed".to_owned(),
+                None => value.trim_matches('"').to_owned(),
+            };
+            self.add(path, code.to_owned(), [takes, default], about);
         }
     }
 
@@ -189,13 +210,14 @@ impl<'a> Reading<'a> {
     }
 
     /// Adds a key, or a remark to one that is known.
-    fn add(&mut self, path: String, example: String, takes: String, about: String) {
+    fn add(&mut self, path: String, example: String, [takes, default]: [String; 2], about: String) {
         match self.found.iter_mut().find(|key| key.path == path) {
             None => self.found.push(Explained {
                 kind: self.kind,
                 path,
                 example,
                 takes,
+                default,
                 about,
             }),
             Some(known) if known.about.is_empty() => known.about = about,
@@ -226,6 +248,26 @@ fn parted(line: &str) -> (String, String) {
     let (code, about) = at.map_or((line, ""), |(at, _)| line.split_at(at));
     let about = about.trim_start_matches('#').trim();
     (code.trim().to_owned(), about.to_owned())
+}
+
+/// A meaning without "optional", and the default in brackets at its end.
+fn with_default(about: &str) -> (String, Option<String>) {
+    let (text, default) = match about
+        .strip_suffix(']')
+        .and_then(|about| about.rsplit_once('['))
+    {
+        Some((text, default)) => (text.trim(), Some(default.to_owned())),
+        None => (about, None),
+    };
+    let text = text
+        .strip_prefix("optional")
+        .map_or(text, |rest| rest.trim_start_matches([',', ':', ';', ' ']));
+    (text.to_owned(), default)
+}
+
+/// Whether a layout without the key at a path is no scene.
+fn is_needed(layout: &str, before: &[String], path: &str) -> bool {
+    parsed(layout, before, &format!("{path}=off")).is_err()
 }
 
 /// What the reader takes at a path of the layout, after some changes.
@@ -277,18 +319,7 @@ fn one_of(layout: &str, help: &str) -> String {
 
 /// The code and the advice of the error for a value at a path; `None` if the value is taken.
 fn problem(layout: &str, before: &[String], path: &str, value: &str) -> Option<(String, String)> {
-    let file = std::env::current_exe().ok()?;
-    let mut text = layout.to_owned();
-    for name in FILES {
-        text = text.replace(name, &file.display().to_string());
-    }
-    let mut overrides = before.to_vec();
-    overrides.push(format!("{path}={value}"));
-    let surroundings = Surroundings {
-        overrides: &overrides,
-        ..Surroundings::of(Path::new("."))
-    };
-    let error = parse_content(&text, "layout.toml", &surroundings).err()?;
+    let error = parsed(layout, before, &format!("{path}={value}")).err()?;
     let of_key = error.each().into_iter().find(|error| error.key() == path)?;
     let help = of_key.problem().help();
     let help = help
@@ -297,11 +328,36 @@ fn problem(layout: &str, before: &[String], path: &str, value: &str) -> Option<(
     Some((of_key.problem().code().to_owned(), help.to_owned()))
 }
 
+/// A layout as a scene after changes; a file that exists stands for each file that it names.
+fn parsed(layout: &str, before: &[String], change: &str) -> Result<Content, SceneError> {
+    let file = std::env::current_exe().unwrap_or_default();
+    let mut text = layout.to_owned();
+    for name in FILES {
+        text = text.replace(name, &file.display().to_string());
+    }
+    let mut overrides = before.to_vec();
+    overrides.push(change.to_owned());
+    let surroundings = Surroundings {
+        overrides: &overrides,
+        ..Surroundings::of(Path::new("."))
+    };
+    parse_content(&text, "layout.toml", &surroundings)
+}
+
 /// A table of keys.
 pub(super) fn table(keys: &[Explained]) -> Table {
-    let mut table = Table::new("", ["key", "example", "takes", "meaning"]);
+    let mut table = Table::new("", ["key", "example", "takes", "default", "meaning"]);
     for key in keys {
-        table.row([&key.path, &key.example, &key.takes, &key.about].map(String::clone));
+        table.row(
+            [
+                &key.path,
+                &key.example,
+                &key.takes,
+                &key.default,
+                &key.about,
+            ]
+            .map(String::clone),
+        );
     }
     table
 }
@@ -313,8 +369,9 @@ pub(super) fn page() -> String {
     for key in all() {
         if key.kind != kind {
             kind = key.kind;
-            page +=
-                &format!("\n## {kind}\n\n| key | example | takes | meaning |\n|---|---|---|---|\n");
+            page += &format!(
+                "\n## {kind}\n\n| key | example | takes | default | meaning |\n|---|---|---|---|---|\n"
+            );
         }
         let code = |text: &str| match text {
             "" => String::new(),
@@ -322,10 +379,11 @@ pub(super) fn page() -> String {
         };
         let plain = |text: &str| text.replace('|', "\\|");
         page += &format!(
-            "| {} | {} | {} | {} |\n",
+            "| {} | {} | {} | {} | {} |\n",
             code(&key.path),
             code(&key.example),
             plain(&key.takes),
+            plain(&key.default),
             plain(&key.about)
         );
     }
@@ -338,6 +396,6 @@ const PREFACE: &str = "# Keys of a scene
 
 Quantities are texts with their unit, such as `\"0.5 mm\"`, and can have an interval: `\"2 mm +- 10 %\"`
 ([intervals.md](intervals.md)). Numbers without a dimension are plain. A file is relative to the
-folder of the scene, or has an absolute path or one that begins with a variable. \"Optional\" says what may be left out, and brackets
-at the end of a meaning are the value then. `[[name]]` begins an element of a list; it has the keys `name.KEY`.
+folder of the scene, or has an absolute path or one that begins with a variable. The column \"takes\" has units and range. A key that is
+\"needed\" may not be left out; any other has its default then. `[[name]]` begins an element of a list; it has the keys `name.KEY`.
 ";

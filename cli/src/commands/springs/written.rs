@@ -129,6 +129,7 @@ impl Record {
             triangles: &self.triangles,
             lines: &self.lines,
             point_data,
+            ..PolyData::default()
         };
         let path = self.folder.claim(file)?;
         vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
@@ -167,9 +168,8 @@ impl Record {
                     let lines: Vec<_> = end.fibres.iter().map(|ends| ends.to_vec()).collect();
                     let data = PolyData {
                         points: &end.position,
-                        triangles: &[],
                         lines: &lines,
-                        point_data: Vec::new(),
+                        ..PolyData::default()
                     };
                     let path = self.folder.claim("fibres.vtp")?;
                     vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })?;

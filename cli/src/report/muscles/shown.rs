@@ -49,7 +49,7 @@ pub(super) fn plots(
     let volume = add(frame("Volume error, relative").logarithmic(), "", &|m| {
         m.volume_error.abs()
     });
-    let mut stretch = add(frame("Edge stretch [%]"), "rms", &|m| {
+    let mut stretch = add(frame("Stretch of all edges [%]"), "rms", &|m| {
         m.edge_stretch_rms * 100.0
     });
     stretch = add(stretch, "greatest", &|m| m.edge_stretch_max * 100.0);
@@ -206,6 +206,34 @@ pub(super) fn tables(muscles: &[MuscleSummary], record: &Record, solver: &str) -
     let mut set = Table::new("Solver", ["what", "value"]);
     set.row(["solver", solver]);
     vec![of_muscles, times, set]
+}
+
+/// The estimated error of the positions by its parts. What is not estimated names the command that does it.
+pub(super) fn error_table(muscles: &[MuscleSummary]) -> Table {
+    let heads = std::iter::once("part").chain(muscles.iter().map(|m| m.name.as_str()));
+    let mut table = Table::new("Estimated error of the positions, worst frame", heads);
+    let method = muscles.first().map_or("", |m| m.error_estimate.method);
+    let or = |value: Option<f64>, command: &str| match value {
+        Some(metres) => number(metres * 1e3),
+        None => format!("not estimated: {command}"),
+    };
+    let mut row = |name: String, of: &dyn Fn(&MuscleSummary) -> String| {
+        table.row(std::iter::once(name).chain(muscles.iter().map(of)));
+    };
+    row(format!("solver, by {method} [mm]"), &|m| {
+        number(m.error_estimate.solver_m * 1e3)
+    });
+    row(
+        "solver, share of the muscle's length [%]".to_owned(),
+        &|m| number(m.error_estimate.solver_m / m.length_m * 100.0),
+    );
+    row("mesh [mm]".to_owned(), &|m| {
+        or(m.error_estimate.mesh_m, "run with --mesh-error")
+    });
+    row("values of the scene [mm]".to_owned(), &|m| {
+        or(m.error_estimate.parameters_m, "pliant sensitivities SCENE")
+    });
+    table
 }
 
 /// One line for each muscle.

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
-use std::fs;
 use std::path::Path;
 
 pub type Vector = [f64; 3];
@@ -42,45 +41,21 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Reads a file of VTK: raw blocks that begin with their length, at the offsets of the heading.
+    /// Reads a file of VTK.
     pub fn read(path: &Path) -> Self {
-        let bytes = fs::read(path).unwrap();
-        let mark = b"<AppendedData encoding=\"raw\">";
-        let at = bytes.windows(mark.len()).position(|w| w == mark).unwrap();
-        let data = at + bytes[at..].iter().position(|b| *b == b'_').unwrap() + 1;
-        let head = std::str::from_utf8(&bytes[..at]).unwrap();
-        let block = |offset: usize| -> Vec<[u8; 8]> {
-            let start = data + offset;
-            let eight = |at: usize| <[u8; 8]>::try_from(&bytes[at..at + 8]).unwrap();
-            let count = u64::from_le_bytes(eight(start)) as usize / 8;
-            (1..=count).map(|i| eight(start + 8 * i)).collect()
-        };
-        let attribute = |line: &str, name: &str| {
-            let from = line.split_once(&format!("{name}=\""))?.1;
-            Some(from.split_once('"')?.0.to_owned())
-        };
-        let (mut section, mut fields, mut polys) = (String::new(), BTreeMap::new(), Vec::new());
-        for line in head.lines().map(str::trim) {
-            match (attribute(line, "Name"), attribute(line, "offset")) {
-                (Some(name), Some(offset)) => {
-                    let block = block(offset.parse().unwrap());
-                    if section == "<Polys>" && name == "connectivity" {
-                        polys = block;
-                    } else if section.starts_with("<Point") {
-                        let numbers: Vec<f64> = block.into_iter().map(f64::from_le_bytes).collect();
-                        fields.insert(name, numbers);
-                    }
-                }
-                _ => section = line.to_owned(),
-            }
-        }
-        let three = |p: &[f64]| [p[0], p[1], p[2]];
-        let corners = polys.into_iter().map(|b| i64::from_le_bytes(b) as usize);
-        let corners: Vec<usize> = corners.collect();
+        let mesh = pliant::io::read(path).unwrap().mesh;
+        let fields = pliant::io::read_point_data(path).unwrap();
         Self {
-            x: fields["Points"].chunks(3).map(three).collect(),
-            triangles: corners.chunks(3).map(|t| [t[0], t[1], t[2]]).collect(),
-            fields,
+            x: mesh.vertices.iter().map(|p| [p.x, p.y, p.z]).collect(),
+            triangles: mesh
+                .triangles
+                .iter()
+                .map(|t| t.map(|v| v as usize))
+                .collect(),
+            fields: fields
+                .into_iter()
+                .map(|field| (field.name, field.values))
+                .collect(),
         }
     }
 

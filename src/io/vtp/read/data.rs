@@ -150,6 +150,7 @@ mod tests {
             triangles: &mesh.triangles,
             lines: &[],
             point_data: vec![("a \"<&>\"", values.clone()), ("flow", flow.clone())],
+            ..Default::default()
         };
         write(&path, &data).unwrap();
         let found = crate::io::read_point_data(&path).unwrap();
