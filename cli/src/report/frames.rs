@@ -103,21 +103,24 @@ impl Listing {
         self.poses.truncate(complete);
     }
 
-    /// The poses of bones as a table: from the points of the mesh [m] to the scene, a rotation by a unit quaternion and then
-    /// a translation, with all digits.
-    pub fn pose_table(&self, cast: &SceneDescription) -> Option<String> {
-        if cast.bones.is_empty() {
-            return None;
-        }
-        let mut text = String::from("frame,time_s,bone,x_m,y_m,z_m,qw,qx,qy,qz\n");
+    /// Writes the poses of bones as a table: from the points of the mesh [m] to the scene, a rotation by a unit quaternion
+    /// and then a translation, with all digits.
+    ///
+    /// # Errors
+    /// Those of `w`.
+    pub fn write_poses(&self, cast: &SceneDescription, w: &mut impl Write) -> std::io::Result<()> {
+        writeln!(w, "frame,time_s,bone,x_m,y_m,z_m,qw,qx,qy,qz")?;
         for (frame, time, poses) in &self.poses {
             for ((name, _), pose) in cast.bones.iter().zip(poses) {
                 let (t, q) = (pose.translation.vector, pose.rotation.coords);
-                let numbers = [t.x, t.y, t.z, q.w, q.x, q.y, q.z].map(|n| n.to_string());
-                text.push_str(&format!("{frame},{time},{name},{}\n", numbers.join(",")));
+                write!(w, "{frame},{time},{name}")?;
+                for number in [t.x, t.y, t.z, q.w, q.x, q.y, q.z] {
+                    write!(w, ",{number}")?;
+                }
+                writeln!(w)?;
             }
         }
-        Some(text)
+        Ok(())
     }
 
     /// Adds the next frame, at `time` [s] with bones at `poses`. Returns its files.

@@ -166,9 +166,9 @@ impl Frames {
             .collection
             .write(&path)
             .map_err(|source| FolderError::Io { path, source })?;
-        let poses = listing.pose_table(&scene);
-        if let Some(table) = &poses {
-            folder.write(POSES, |w| w.write_all(table.as_bytes()))?;
+        let has_bones = !scene.bones.is_empty();
+        if has_bones {
+            folder.write(POSES, |w| listing.write_poses(&scene, w))?;
         }
         let animation = write_animation(scenario, &folder, &scene, &shots)?;
         let (finish_s, own_run) = (finishing.elapsed().as_secs_f64(), own.scene.take());
@@ -208,7 +208,7 @@ impl Frames {
         );
         let beside = |name: &String| format!("animation: {name}, beside this page");
         output.explanations.extend(animation.iter().map(beside));
-        let poses = poses.map(|_| POSES.to_owned());
+        let poses = has_bones.then(|| POSES.to_owned());
         let more = [series].into_iter().chain(poses).chain(animation);
         output.written.extend(more);
         output.scene = Some(scene_run);

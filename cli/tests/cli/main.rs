@@ -2,6 +2,7 @@
 
 mod audit;
 mod biceps;
+#[cfg(unix)]
 mod book;
 mod check;
 mod contact;

@@ -155,6 +155,8 @@ struct Viewer<'a> {
     /// Frame of the last picture.
     frame: usize,
     fitted_to: usize,
+    /// Name of the driver that draws.
+    driver: String,
     pictures: std::collections::VecDeque<Instant>,
     trace: Option<Trace>,
     capture: Capture,
@@ -346,7 +348,7 @@ impl Viewer<'_> {
         let (settings, colouring, history) =
             (&mut self.settings, &mut self.colouring, &self.history);
         let (state, has_panel, replayed) = (&mut self.state, self.has_panel, self.options.replayed);
-        let panel_width = &mut self.panel_width;
+        let (panel_width, driver) = (&mut self.panel_width, self.driver.as_str());
         window.draw_ui(|ctx| {
             let screen = ctx.content_rect();
             let (requests, send) = (&mut requests, &mut send);
@@ -357,6 +359,7 @@ impl Viewer<'_> {
                 colouring,
                 history,
                 pictures,
+                driver,
                 replayed,
                 widgets,
                 send,

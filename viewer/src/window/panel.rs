@@ -57,6 +57,8 @@ pub struct Panel<'a> {
     pub history: &'a History,
     /// Pictures per second.
     pub pictures: f64,
+    /// The driver that draws: a graphics card, or a program on the processor.
+    pub driver: &'a str,
     pub replayed: bool,
     pub widgets: &'a mut Widgets,
     /// Sends a command. Returns its number.
@@ -135,11 +137,14 @@ impl Panel<'_> {
             ui.strong(format!("frame {}{end}", shot.frame));
             ui.label(state);
         });
+        // A driver on the processor draws less than ten pictures a second.
+        let digits = usize::from(self.pictures < 10.0);
         let rate = format!(
-            "{:.0} pictures a second; simulation {:.1} frames a second, {:.1} ms a frame",
+            "{:.digits$} pictures a second; simulation {:.1} frames a second, {:.1} ms a frame",
             self.pictures, shot.frames_per_second, shot.frame_ms
         );
         ui.label(rate);
+        ui.weak(format!("drawn by {}", self.driver));
     }
 
     fn run(&mut self, ui: &mut Ui) {

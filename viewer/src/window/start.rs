@@ -220,6 +220,7 @@ impl<'a> Viewer<'a> {
             by_processor: is_drawn_by_processor(),
             frame: first.frame,
             fitted_to: first.stage.bodies.len(),
+            driver: Context::get().adapter.get_info().name,
             pictures: VecDeque::new(),
             trace,
             capture: Capture::new(&options.folder, &options.stem),
