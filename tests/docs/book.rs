@@ -40,8 +40,16 @@ fn anchor(heading: &str) -> String {
 
 fn anchors(page: &Path) -> BTreeSet<String> {
     let text = fs::read_to_string(page).expect("a page");
-    let headings = text.lines().filter(|line| line.starts_with('#'));
+    let mut in_code = false;
+    let mut headings = Vec::new();
+    for line in text.lines() {
+        in_code ^= line.starts_with("```");
+        if !in_code && line.starts_with('#') {
+            headings.push(line);
+        }
+    }
     headings
+        .into_iter()
         .map(|line| anchor(line.trim_start_matches('#')))
         .collect()
 }

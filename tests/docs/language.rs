@@ -270,8 +270,10 @@ fn glossary() -> BTreeSet<String> {
 #[test]
 fn the_glossary_has_every_term() {
     let glossary = glossary();
+    let glossary_page = root().join("docs/notation.md");
     let pages: Vec<String> = book()
         .iter()
+        .filter(|page| **page != glossary_page)
         .map(|page| fs::read_to_string(page).expect("a page").to_lowercase())
         .collect();
     for term in TERMS {
@@ -280,8 +282,11 @@ fn the_glossary_has_every_term() {
             glossary.contains(&term),
             "docs/notation.md has no row for `{term}`"
         );
-        let uses = pages.iter().filter(|page| page.contains(&term)).count();
-        assert!(uses >= 2, "no page uses `{term}`");
+        let uses = pages
+            .iter()
+            .filter(|page| (has(page, &term) || has(page, &format!("{term}s"))))
+            .count();
+        assert!(uses >= 1, "no page uses `{term}`");
     }
     assert!(!glossary.contains("no such term"), "control");
 }

@@ -11,6 +11,7 @@ use super::failure::Failure;
 use super::options::Printing;
 use crate::report::Table;
 use crate::report::output::RunOutput;
+use crate::report::provenance::quoted;
 use pliant::TriangleMesh;
 use pliant::io::{self, Encoding};
 use pliant::mesh::shapes;
@@ -159,8 +160,8 @@ Examples:
   pliant init first-muscle --joint hip
   pliant data leg --example opensim
 
-All files are made by code and measure nobody. Lengths are in metres, those of bodies in centimetres. They may be used for
-anything. Exit code 2: a file of that name is there already.")]
+All files are made by code and measure nobody. Lengths are in metres; sheet.obj and the bodies are in centimetres. They may
+be used for anything. Exit code 2: a file of that name is there already.")]
 pub(super) struct Arguments {
     /// Folder for the files; without it only the list is shown
     folder: Option<PathBuf>,
@@ -185,7 +186,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         output.text = format!(
             "{}\nNext: {}\n",
             output.written.join("\n"),
-            arguments.example.next(&shown.to_string())
+            arguments.example.next(&quoted(&shown.to_string()))
         );
     } else {
         let mut table = Table::new("", ["set", "content", "address", "licence"]);

@@ -153,6 +153,8 @@ pub fn main() -> ExitCode {
 
 /// Runs a command line, which begins with the name of the program. Returns the exit code.
 pub fn main_with(arguments: impl IntoIterator<Item = OsString>) -> u8 {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    crate::report::provenance::begin(&arguments);
     let given = Arguments::command().try_get_matches_from(arguments);
     let parsed = given.and_then(|given| {
         QUIET.store(is_quiet(&given), Ordering::Relaxed);

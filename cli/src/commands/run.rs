@@ -116,7 +116,10 @@ fn fields(text: &str) -> Result<FrameFields, String> {
         })
     };
     let names = text.split(',').map(|name| known(name.trim()));
-    Ok(FrameFields(names.collect::<Result<_, _>>()?))
+    let names = names.collect::<Result<Vec<_>, _>>()?;
+    // In the order of the files, each once.
+    let chosen = FIELDS.into_iter().filter(|field| names.contains(field));
+    Ok(FrameFields(chosen.collect()))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -213,7 +216,7 @@ fn of_muscles(
     let simulation = Simulation::with(scene, assets, plan);
     PREPARING.store(false, Ordering::Relaxed);
     let mut simulation = simulation.map_err(refused)?;
-    if !arguments.output.printing.quiet {
+    if !arguments.output.printing.quiet && !arguments.resume {
         let megabytes = number(bytes_of_run(&simulation, &arguments.stored()) as f64 * 1e-6);
         let folder = out.display();
         warn(&format!(

@@ -53,7 +53,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     );
     let (mut verdicts, mut scenes) = (Vec::new(), Vec::new());
     for (name, ..) in BUILTIN {
-        let [one, all] = [1, cores].map(|threads| with_threads(name, threads));
+        // On one core two threads still share the work in another order.
+        let [one, all] = [1, cores.max(2)].map(|threads| with_threads(name, threads));
         let digests = [&one, &all].map(|tried| tried.end.as_ref().ok().map(digest));
         let runs = match (&one.end, &all.end) {
             (Err(why), _) | (_, Err(why)) => {
@@ -64,7 +65,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         verdicts.push(runs.at(*name));
         let same = Verdict::new(
             "same bits on one thread and on all",
-            digests[0] == digests[1],
+            digests[0].is_some() && digests[0] == digests[1],
         );
         verdicts.push(same.at(*name).else_do("report it with this output"));
         let shown = digests[0].map_or("–".to_owned(), |digest| format!("{digest:016x}"));

@@ -1,8 +1,21 @@
 //! Where a result comes from: command, version, date, machine.
 
+use std::ffi::OsString;
+use std::sync::Mutex;
+
 use serde::Serialize;
 
 use super::Table;
+
+/// The arguments of the command that runs, without the name of the program. A program such as Python has others of its own.
+static ARGUMENTS: Mutex<Vec<OsString>> = Mutex::new(Vec::new());
+
+/// Sets the arguments of the command that runs.
+pub fn begin(arguments: &[OsString]) {
+    if let Ok(mut all) = ARGUMENTS.lock() {
+        *all = arguments.get(1..).unwrap_or_default().to_vec();
+    }
+}
 
 /// Origin of a result.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -28,8 +41,8 @@ pub struct Provenance {
 impl Provenance {
     /// That of this process, now.
     pub fn now() -> Self {
-        let arguments = std::env::args_os().skip(1);
-        let words = arguments.map(|word| quoted(&word.to_string_lossy()));
+        let arguments = ARGUMENTS.lock().map(|all| all.clone()).unwrap_or_default();
+        let words = arguments.iter().map(|word| quoted(&word.to_string_lossy()));
         let command = std::iter::once("pliant".to_owned()).chain(words);
         let date = humantime::format_rfc3339_seconds(std::time::SystemTime::now());
         let (system, architecture) = (std::env::consts::OS, std::env::consts::ARCH);
@@ -68,7 +81,7 @@ impl Provenance {
 }
 
 /// A word as a shell reads it: in single quotes if it has more than letters, numbers and plain signs.
-fn quoted(word: &str) -> String {
+pub fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "-_./=,:+@%".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) {
         return word.to_owned();
@@ -99,7 +112,9 @@ mod tests {
 
     #[test]
     fn the_date_is_a_time_in_utc() {
+        begin(&["pliant", "run", "a b"].map(OsString::from));
         let now = Provenance::now();
+        assert_eq!(now.command, "pliant run 'a b'");
         assert_eq!(now.date.len(), "2026-01-31T12:00:00Z".len(), "{}", now.date);
         assert!(now.date.ends_with('Z') && now.date.as_str() > "2026");
         assert_eq!(now.table().rows.len(), 7);

@@ -22,8 +22,8 @@ const BLOCK: usize = 1 << 20;
 /// Shares of the greatest value to which compact point data are rounded: two steps.
 const SHARES: f64 = 4096.0;
 
-/// Greatest number of arrays that a series keeps.
-const KEPT: usize = 256;
+/// Greatest size of the arrays that a series keeps [bytes].
+const KEPT: usize = 256 << 20;
 
 /// Name of the array of positions.
 pub(super) const POINTS: &str = "Points";
@@ -131,6 +131,8 @@ impl Array {
 pub struct SeriesWriter {
     /// Compressed bytes of the arrays of indices so far, by their bytes.
     kept: HashMap<Vec<u8>, Vec<u8>>,
+    /// Their size [bytes].
+    size: usize,
 }
 
 impl SeriesWriter {
@@ -180,9 +182,11 @@ impl SeriesWriter {
             Some(bytes) => bytes.clone(),
             None => {
                 let bytes = encoded(&raw, kind, Repeats::Indices)?;
-                if self.kept.len() >= KEPT {
-                    self.kept.clear();
+                let size = raw.len() + bytes.len();
+                if self.size + size > KEPT {
+                    (self.size, self.kept) = (0, HashMap::new());
                 }
+                self.size += size;
                 self.kept.insert(raw, bytes.clone());
                 bytes
             }

@@ -397,5 +397,80 @@ const PREFACE: &str = "# Keys of a scene
 Quantities are texts with their unit, such as `\"0.5 mm\"`, and can have an interval: `\"2 mm +- 10 %\"`
 ([intervals.md](intervals.md)). Numbers without a dimension are plain. A file is relative to the
 folder of the scene, or has an absolute path or one that begins with a variable. The column \"takes\" has units and range. A key that is
-\"needed\" may not be left out; any other has its default then. `[[name]]` begins an element of a list; it has the keys `name.KEY`.
+\"needed\" is there, or one that its meaning names in its place; any other has its default. `[[name]]` begins an element of a list; it has the keys `name.KEY`.
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A scene as text, without its file name.
+    fn encoded(content: &Content) -> String {
+        pliant::text_of("scene", content)
+    }
+
+    /// Keys whose default cannot be written: a limit that is named counts as named, and the others need another key.
+    const OTHERWISE: [&str; 3] = ["limits.", "lattice.rest.method", "spring_body.neighbours"];
+
+    /// A default that is the example of the layout is what the reader takes without the key.
+    #[test]
+    fn a_default_is_the_value_without_the_key() {
+        let (mut wrong, mut seen) = (Vec::new(), 0);
+        for (kind, layout) in LAYOUTS {
+            for key in Reading::new(kind, layout).read() {
+                let Some((_, value)) = key.example.split_once(" = ") else {
+                    continue;
+                };
+                if OTHERWISE.iter().any(|other| key.path.starts_with(other)) {
+                    continue;
+                }
+                if key.default != value.trim_matches('"') || key.default == "needed" {
+                    continue;
+                }
+                let other = OTHERS
+                    .iter()
+                    .find(|(name, _)| key.path.starts_with(&format!("{name}.")));
+                let before: Vec<String> = other
+                    .map_or(&[][..], |(_, changes)| changes)
+                    .iter()
+                    .map(|c| (*c).to_owned())
+                    .collect();
+                // The first element of each list stands for all.
+                let numbered = numbered(layout, &key.path);
+                let [without, with] = ["off", value.trim_matches('"')]
+                    .map(|v| parsed(layout, &before, &format!("{numbered}={v}")));
+                seen += 1;
+                match (without, with) {
+                    (Ok(without), Ok(with)) if encoded(&without) == encoded(&with) => {}
+                    (without, with) => wrong.push(format!(
+                        "{kind}: {} = {} (without {}, with {})",
+                        key.path,
+                        value,
+                        without.map_or_else(|e| e.terse(), |_| "read".to_owned()),
+                        with.map_or_else(|e| e.terse(), |_| "read".to_owned())
+                    )),
+                }
+            }
+        }
+        assert!(seen > 40, "only {seen} defaults seen");
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    }
+
+    /// A path with the number of the first element after each list.
+    fn numbered(layout: &str, path: &str) -> String {
+        let mut all = String::new();
+        let mut so_far = String::new();
+        for part in path.split('.') {
+            if !so_far.is_empty() {
+                so_far.push('.');
+                all.push('.');
+            }
+            so_far.push_str(part);
+            all.push_str(part);
+            if layout.contains(&format!("[[{so_far}]]")) {
+                all.push_str(".0");
+            }
+        }
+        all
+    }
+}

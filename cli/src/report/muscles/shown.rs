@@ -212,7 +212,6 @@ pub(super) fn tables(muscles: &[MuscleSummary], record: &Record, solver: &str) -
 pub(super) fn error_table(muscles: &[MuscleSummary]) -> Table {
     let heads = std::iter::once("part").chain(muscles.iter().map(|m| m.name.as_str()));
     let mut table = Table::new("Estimated error of the positions, worst frame", heads);
-    let method = muscles.first().map_or("", |m| m.error_estimate.method);
     let or = |value: Option<f64>, command: &str| match value {
         Some(metres) => number(metres * 1e3),
         None => format!("not estimated: {command}"),
@@ -220,8 +219,11 @@ pub(super) fn error_table(muscles: &[MuscleSummary]) -> Table {
     let mut row = |name: String, of: &dyn Fn(&MuscleSummary) -> String| {
         table.row(std::iter::once(name).chain(muscles.iter().map(of)));
     };
-    row(format!("solver, by {method} [mm]"), &|m| {
+    row("solver [mm]".to_owned(), &|m| {
         number(m.error_estimate.solver_m * 1e3)
+    });
+    row("found by".to_owned(), &|m| {
+        m.error_estimate.method.to_owned()
     });
     row(
         "solver, share of the muscle's length [%]".to_owned(),
@@ -231,7 +233,10 @@ pub(super) fn error_table(muscles: &[MuscleSummary]) -> Table {
         or(m.error_estimate.mesh_m, "run with --mesh-error")
     });
     row("values of the scene [mm]".to_owned(), &|m| {
-        or(m.error_estimate.parameters_m, "pliant sensitivities SCENE")
+        or(
+            m.error_estimate.parameters_m,
+            "see pliant sensitivities SCENE",
+        )
     });
     table
 }
