@@ -284,7 +284,7 @@ fn the_glossary_has_every_term() {
         );
         let uses = pages
             .iter()
-            .filter(|page| (has(page, &term) || has(page, &format!("{term}s"))))
+            .filter(|page| has(page, &term) || has(page, &format!("{term}s")))
             .count();
         assert!(uses >= 1, "no page uses `{term}`");
     }
