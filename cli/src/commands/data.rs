@@ -40,8 +40,7 @@ enum Content {
     Mesh(fn() -> TriangleMesh),
 }
 
-/// The meshes of a first muscle. The names are those of the parts that the shapes are like, by which `pliant init` knows
-/// them.
+/// The meshes of a first muscle. `pliant init` knows the parts by these names.
 const MUSCLE: [(&str, Content); 3] = [
     ("Femur.r.obj", Content::Shape("hip-femur")),
     ("Hip_bone.r.obj", Content::Shape("hip-socket")),
@@ -79,7 +78,8 @@ impl Example {
             Self::FirstMuscle => format!("pliant init {folder} --joint hip"),
             Self::Opensim => format!("pliant run {folder}/leg.toml"),
             Self::Skin => format!(
-                "pliant implant {folder}/scalp.obj --unit m --at 0,0,0.09 --base 6cm --volume 30cc --obstacle {folder}/skull.obj"
+                "pliant implant {folder}/scalp.obj --unit m --at 0,0,0.09 --base 6cm --volume 30cc \
+                 --obstacle {folder}/skull.obj"
             ),
             Self::Bodies => format!("pliant morph {folder}/ball.obj {folder}/pear.obj --unit cm"),
         }
@@ -160,8 +160,8 @@ Examples:
   pliant init first-muscle --joint hip
   pliant data leg --example opensim
 
-All files are made by code and measure nobody. Lengths are in metres; sheet.obj and the bodies are in centimetres. They may
-be used for anything. Exit code 2: a file of that name is there already.")]
+All files are made by code and measure nobody. Lengths are in metres; sheet.obj and the bodies are in centimetres.
+They may be used for anything. Exit code 2: a file of that name is there already.")]
 pub(super) struct Arguments {
     /// Folder for the files; without it only the list is shown
     folder: Option<PathBuf>,
@@ -192,7 +192,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let mut table = Table::new("", ["set", "content", "address", "licence"]);
         SETS.iter().for_each(|set| table.row(*set));
         output.text = format!(
-            "{}\n`pliant data FOLDER` writes a muscle and two bones that are made by code; --example has more.\n",
+            "{}\n`pliant data FOLDER` writes a muscle and two bones made by code; --example has more.\n",
             table.to_text()
         );
     }

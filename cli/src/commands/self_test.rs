@@ -14,6 +14,7 @@ use pliant::format::number;
 use pliant::progress::Silent;
 use pliant::scene::builtin::{BUILTIN, load_content};
 use pliant::simulation::{Ended, FrameState, run as run_scene, scenario_with};
+use pliant::state::Hash;
 
 /// Test this installation: the built-in scenes for a frame or two, the same bits on one thread and on all
 #[derive(Debug, clap::Args)]
@@ -68,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             digests[0].is_some() && digests[0] == digests[1],
         );
         verdicts.push(same.at(*name).else_do("report it with this output"));
-        let shown = digests[0].map_or("–".to_owned(), |digest| format!("{digest:016x}"));
+        let shown = digests[0].map_or("–".to_owned(), |digest| format!("{digest:032x}"));
         table.row([
             (*name).to_owned(),
             number(one.seconds),
@@ -166,14 +167,12 @@ fn is_finite(state: &FrameState) -> bool {
 }
 
 /// A hash of the bits of all positions.
-fn digest(state: &FrameState) -> u64 {
-    let points = state.bodies.iter().flat_map(|(x, _)| x);
-    let numbers = points.flat_map(|p| [p.x, p.y, p.z]);
-    let bytes = numbers.flat_map(|c| c.to_bits().to_le_bytes());
-    // FNV-1a.
-    bytes.fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-    })
+fn digest(state: &FrameState) -> u128 {
+    let mut hash = Hash::default();
+    for p in state.bodies.iter().flat_map(|(x, _)| x) {
+        p.iter().for_each(|c| hash.add(&c.to_bits().to_le_bytes()));
+    }
+    hash.value()
 }
 
 /// The graphics card, and whether a lattice runs on it.
@@ -208,7 +207,7 @@ fn graphics_card() -> (String, Option<Verdict>) {
     };
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
     let said = String::from_utf8_lossy(&output.stderr);
-    match summary["springs"]["device"].as_str() {
+    match summary["springs"]["card"].as_str() {
         Some(name) => (
             name.to_owned(),
             Some(Verdict::new(
@@ -240,5 +239,34 @@ fn display() -> String {
         true if is_set("DISPLAY") => "X11".to_owned(),
         true => "none: DISPLAY and WAYLAND_DISPLAY are not set".to_owned(),
         false => "that of the system".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    fn state(x: f64) -> FrameState {
+        FrameState {
+            frame: 0,
+            time: 0.0,
+            bodies: vec![(vec![Point3::new(1.0, x, 3.0)], Vec::new())],
+            bones: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_changed_bit_and_a_number_that_is_not_finite_are_seen() {
+        assert_eq!(digest(&state(2.0)), digest(&state(2.0)));
+        assert_ne!(digest(&state(2.0)), digest(&state(2.0f64.next_up())));
+        assert!(is_finite(&state(2.0)));
+        assert!(!is_finite(&state(f64::NAN)) && !is_finite(&state(f64::INFINITY)));
+    }
+
+    #[test]
+    fn a_scene_that_does_not_exist_has_no_positions() {
+        assert!(with_threads("no such scene", 1).end.is_err());
     }
 }

@@ -30,7 +30,7 @@ pub struct Provenance {
     pub date: String,
     /// Operating system and architecture.
     pub system: String,
-    /// Name of the processor; `None` where the system does not tell it.
+    /// Name of the processor; `None` where the system does not report it.
     pub processor: Option<String>,
     /// Number of cores.
     pub cores: usize,
