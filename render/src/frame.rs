@@ -164,6 +164,22 @@ impl Frame {
         }
     }
 
+    /// Draws a circle with its centre at a column and row \[px\], clipped to the picture: a line of
+    /// `colour`, three pixels wide, between two white ones, so that it is visible on any ground.
+    pub fn ring(&mut self, [column, row]: [f64; 2], radius: f64, colour: Rgb) {
+        let reach = radius.clamp(0.0, f64::from(MAX_SIDE)) + 4.0;
+        let span = |at: f64| (at - reach).floor() as i64..=(at + reach).ceil() as i64;
+        for y in span(row) {
+            for x in span(column) {
+                let away = (x as f64 - column).hypot(y as f64 - row) - radius;
+                // A pixel is covered by as much of its width as lies on the line.
+                let covered = |half: f64| (half + 0.5 - away.abs()).clamp(0.0, 1.0) as f32;
+                self.blend(x, y, [1.0; 3], covered(3.0));
+                self.blend(x, y, colour, covered(1.5));
+            }
+        }
+    }
+
     /// Copies another picture over this one, with its upper left corner at a column and row,
     /// clipped to the picture.
     pub fn paste(&mut self, column: usize, row: usize, other: &Self) {

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use serde_json::Value;
 
 use super::Table;
-use super::output::{Verdict, measures};
+use super::output::{Spot, Verdict, measures};
 use pliant::format::number;
 use pliant::simulation::{
     Audit, AuditSummary, AuditedSurface, Body, BodyDescription, CrossingCounts, FrameState,
@@ -143,11 +143,22 @@ fn held(body: &Body, muscles: usize) -> Vec<Option<usize>> {
     held
 }
 
-/// The place of the worst pair of a kind; empty without one.
-fn place(summary: &AuditSummary, is_of: impl Fn(&PairSummary) -> bool) -> String {
-    summary
-        .worst(is_of)
-        .map_or(String::new(), PairSummary::place)
+/// A verdict with the place of the worst pair of a kind, if it failed and there is one.
+fn located(
+    verdict: Verdict,
+    summary: &AuditSummary,
+    is_of: impl Fn(&PairSummary) -> bool,
+    advice: &str,
+) -> Verdict {
+    let Some(pair) = summary.worst(is_of).filter(|_| !verdict.passed) else {
+        return verdict.at("all surfaces");
+    };
+    let spot = |point_m| Spot {
+        frame: pair.frame,
+        point_m,
+    };
+    let verdict = verdict.at(pair.place()).else_do(advice);
+    verdict.seen(pair.worst.point_m.map(spot))
 }
 
 fn of_one(pair: &PairSummary) -> bool {
@@ -164,15 +175,7 @@ pub fn crossing_verdicts(summary: &AuditSummary, advice: &str) -> Vec<Verdict> {
         ..
     } = summary.crossings_max;
     let at = |verdict: Verdict, is_of: &dyn Fn(&PairSummary) -> bool| {
-        let place = if verdict.passed {
-            String::new()
-        } else {
-            place(summary, is_of)
-        };
-        match place.is_empty() {
-            true => verdict.at("all surfaces"),
-            false => verdict.at(place).else_do(advice),
-        }
+        located(verdict, summary, is_of, advice)
     };
     let crosses = |p: &PairSummary| p.worst.crossings > 0;
     let mut all = Vec::new();
@@ -221,13 +224,8 @@ pub fn crossing_verdicts(summary: &AuditSummary, advice: &str) -> Vec<Verdict> {
 /// judged without it.
 pub fn verdicts(summary: &AuditSummary, volume_limit: Option<f64>, advice: &str) -> Vec<Verdict> {
     let mut all = crossing_verdicts(summary, advice);
-    let place = place(summary, |p| {
-        p.worst.with_rigid && p.worst.vertices_inside != [0, 0]
-    });
-    let at = |verdict: Verdict| match verdict.passed || place.is_empty() {
-        true => verdict.at("all surfaces"),
-        false => verdict.at(place.clone()).else_do(advice),
-    };
+    let is_of = |p: &PairSummary| p.worst.with_rigid && p.worst.vertices_inside != [0, 0];
+    let at = |verdict: Verdict| located(verdict, summary, is_of, advice);
     all.push(at(Verdict::none(
         "vertices deeper than 0.01 mm in a rigid surface, most in a frame",
         summary.vertices_inside_bones_max,

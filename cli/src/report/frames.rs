@@ -2,6 +2,7 @@
 //! next frame.
 
 use std::io::Write;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -20,6 +21,33 @@ const WAITING: usize = 4;
 /// The file that shows a body in a frame.
 pub fn file_at(body: &BodyDescription, frame: usize) -> String {
     format!("frames/{}_{frame:04}.vtp", body.file)
+}
+
+/// Adds the bodies to a frame with bones alone, from its files in the folder `root`. They contain no
+/// velocities, and no picture shows any.
+///
+/// # Errors
+/// A file is missing or changed.
+pub fn with_bodies(
+    cast: &SceneDescription,
+    root: &Path,
+    mut state: FrameState,
+) -> Result<FrameState, FolderError> {
+    for body in &cast.bodies {
+        let path = root.join(file_at(body, state.frame));
+        if !path.is_file() {
+            return Err(FolderError::Missing(path));
+        }
+        let count = body.rest.vertices.len();
+        match pliant::io::read(&path) {
+            Ok(file) if file.mesh.vertices.len() == count => {
+                let still = vec![Vector3::zeros(); count];
+                state.bodies.push((file.mesh.vertices, still));
+            }
+            _ => return Err(FolderError::Changed(path)),
+        }
+    }
+    Ok(state)
 }
 
 /// The numbers at the points of a body that frames can have.
@@ -121,6 +149,28 @@ impl Listing {
             }
         }
         Ok(())
+    }
+
+    /// A frame so far, from its files in the folder `root`; `None` if it has none.
+    ///
+    /// # Errors
+    /// A file is missing or changed.
+    pub fn read(
+        &self,
+        cast: &SceneDescription,
+        root: &Path,
+        frame: usize,
+    ) -> Result<Option<FrameState>, FolderError> {
+        let found = self.poses.iter().find(|(of, _, _)| *of == frame);
+        let bones = found.map(|(_, time, poses)| FrameState {
+            frame,
+            time: *time,
+            bodies: Vec::new(),
+            bones: poses.clone(),
+        });
+        bones
+            .map(|state| with_bodies(cast, root, state))
+            .transpose()
     }
 
     /// Adds the next frame, at `time` [s] with bones at `poses`. Returns its files.

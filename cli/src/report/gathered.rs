@@ -5,11 +5,9 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::Vector3;
-
 use super::audit::RunAudit;
 use super::folder::FolderError;
-use super::frames::{FIELDS, Listing, Stored, file_at};
+use super::frames::{FIELDS, Listing, Stored, with_bodies};
 use super::quality::RunQuality;
 use super::record::{FrameTimes, Record};
 use super::results::severity;
@@ -165,7 +163,8 @@ impl Gathered {
         known.insert(0, Arc::new(first));
         for frame in shots.all().map(|shot| shot.frame).collect::<HashSet<_>>() {
             if let std::collections::hash_map::Entry::Vacant(place) = known.entry(frame) {
-                place.insert(Arc::new(read(cast, simulation, root, frame)?));
+                let bones = simulation.state_of_bones(frame);
+                place.insert(Arc::new(with_bodies(cast, root, bones)?));
             }
         }
         for shot in shots.all_mut() {
@@ -175,32 +174,6 @@ impl Gathered {
         }
         Ok(shots)
     }
-}
-
-/// A frame from its files. They contain no velocities, and no picture shows any.
-fn read(
-    cast: &SceneDescription,
-    simulation: &Simulation,
-    root: &Path,
-    frame: usize,
-) -> Result<FrameState, FolderError> {
-    let mut snapshot = simulation.state_of_bones(frame);
-    for actor in &cast.bodies {
-        let path = root.join(file_at(actor, frame));
-        if !path.is_file() {
-            return Err(FolderError::Missing(path));
-        }
-        let count = actor.rest.vertices.len();
-        match pliant::io::read(&path) {
-            Ok(file) if file.mesh.vertices.len() == count => {
-                snapshot
-                    .bodies
-                    .push((file.mesh.vertices, vec![Vector3::zeros(); count]));
-            }
-            _ => return Err(FolderError::Changed(path)),
-        }
-    }
-    Ok(snapshot)
 }
 
 /// The list of the frames so far, and all their files.

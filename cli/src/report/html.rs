@@ -20,6 +20,8 @@ pub struct Report {
     pub lead: Vec<Table>,
     /// Findings that are neither right nor wrong, below the checks.
     pub findings: Vec<String>,
+    /// Caption and bytes of each picture of a place where a check failed.
+    pub places: Vec<(String, Vec<u8>)>,
     /// Caption and bytes (PNG or GIF) of each picture, shown side by side.
     pub pictures: Vec<(String, Vec<u8>)>,
     /// Caption and bytes of each picture of full width, one below the other.
@@ -50,6 +52,7 @@ h2{font-size:18px;margin:36px 0 12px}
 .card{background:var(--card);border:1px solid var(--line);border-radius:10px;padding:16px 18px;margin:0}
 .grid{display:grid;gap:16px}
 .pictures{grid-template-columns:repeat(auto-fill,minmax(min(100%,320px),1fr))}
+.places{grid-template-columns:repeat(auto-fill,minmax(min(100%,480px),1fr))}
 .plots{grid-template-columns:repeat(auto-fit,minmax(min(100%,480px),1fr))}
 .pictures .card,.sheets .card{padding:0;overflow:hidden}
 .pictures img,.sheets img{display:block;width:100%;height:auto;background:#fff}
@@ -105,6 +108,8 @@ impl Report {
         self.lead
             .iter()
             .for_each(|table| write_table(&mut html, table));
+        let failed = ("Where checks fail", "pictures places");
+        write_pictures(&mut html, failed, &self.places);
         write_pictures(&mut html, ("Pictures", "pictures"), &self.pictures);
         let of_sheets = if self.pictures.is_empty() {
             "Pictures"
@@ -323,6 +328,7 @@ mod tests {
             verdict: vec![Verdict::new(evil(), true), Verdict::new(evil(), false)],
             lead: vec![table.clone()],
             findings: Vec::new(),
+            places: vec![(evil(), Vec::new())],
             pictures: vec![(evil(), b"\"><script>".to_vec())],
             sheets: vec![(evil(), Vec::new())],
             turntable: None,
@@ -344,7 +350,7 @@ mod tests {
         assert_eq!(
             html.matches("&lt;script src=&#39;http://x&#39;&gt;")
                 .count(),
-            24
+            26
         );
     }
 

@@ -22,6 +22,7 @@ pub mod morph;
 pub mod muscles;
 pub mod output;
 pub mod pictures;
+mod places;
 pub mod quality;
 pub mod plan;
 mod plot;

@@ -11,7 +11,7 @@ pub(super) use error::ErrorEstimate;
 use super::audit::{self, RunAudit};
 use super::output::{Plot, RunOutput, SceneRun, Times, Verdict};
 use super::plan::Prepared;
-use super::quality::{self, Quality, RunQuality};
+use super::quality::{self, Quality, RunQuality, Worst};
 use super::record::{Record, effect_name};
 use super::sensitivities::left_out;
 use pliant::contact::{Certificate, PartedPair};
@@ -111,7 +111,7 @@ pub(super) fn output(
     let mut verdicts: Vec<Verdict> = attained.map(error::verdict_of).into_iter().collect();
     verdicts.extend(simulation.mesh_error().map(error::verdict_of_mesh));
     for (m, summary) in muscles.iter().enumerate() {
-        verdicts.extend(verdicts_of(simulation, m, summary));
+        verdicts.extend(verdicts_of(simulation, m, summary, &judged.worst(m)));
     }
     let has_contact = simulation.scene.effects.contact.is_some();
     if has_contact {
@@ -124,10 +124,10 @@ pub(super) fn output(
     verdicts.push(certified(&simulation.certificate()));
     verdicts.extend(start_checks(simulation));
     verdicts.extend(simulation.bodies.iter().filter_map(cut));
-    verdicts.extend(muscles.iter().flat_map(|muscle| {
+    verdicts.extend(muscles.iter().enumerate().flat_map(|(m, muscle)| {
         let limits = &simulation.scene.limits;
-        let all = quality::verdicts(&muscle.quality, limits, muscle.length_m);
-        all.into_iter().map(|verdict| verdict.at(&*muscle.name))
+        let of = (&*muscle.name, muscle.length_m);
+        quality::verdicts(&muscle.quality, &judged.worst(m), limits, of)
     }));
     let plot = |plot| Plot { file: None, plot };
     let mut how = solver(&simulation.scene.solver);
@@ -448,7 +448,12 @@ pub(super) fn across_check(simulation: &Simulation, body: usize, name: &str) -> 
 }
 
 /// The checks of a muscle of this scene.
-fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verdict> {
+fn verdicts_of(
+    simulation: &Simulation,
+    m: usize,
+    s: &MuscleSummary,
+    worst: &Worst,
+) -> Vec<Verdict> {
     let (scene, plan) = (&simulation.scene, &simulation.plan.muscles[m]);
     let mut all = Vec::new();
     let place = s.stopped.as_ref().map_or(s.name.clone(), |at| {
@@ -468,43 +473,45 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
             .at(place)
             .else_do(cure),
     );
-    let mut say = |verdict: Verdict| all.push(verdict.at(s.name.as_str()));
+    let say = |all: &mut Vec<Verdict>, verdict: Verdict| all.push(verdict.at(s.name.as_str()));
     let unconverged = Verdict::none("frames that did not converge", s.frames_not_converged);
-    say(unconverged.else_do(cure));
+    say(&mut all, unconverged.else_do(cure));
     if plan.runs("volume")
         && scene.muscles[m].material.bulk.is_none()
         && scene.solver.share("volume").is_none()
     {
         let volume = Verdict::at_most("relative volume error", s.volume_error_max, VOLUME_HELD);
-        say(volume.else_do(MORE_SUBSTEPS));
+        say(&mut all, volume.else_do(MORE_SUBSTEPS));
     }
     if plan.runs("stretch") {
         let name = "greatest strain of an edge";
         let strain = Verdict::at_most(name, s.edge_stretch_max, TORN);
-        say(strain.else_do(HOLD_FEWER));
+        all.push(worst.of_strain(strain.else_do(HOLD_FEWER), &s.name));
     }
     if !plan.obstacles.is_empty() {
         let deep = Verdict::none(
             "vertices deeper than 0.01 mm in a bone",
             s.vertices_inside_bones_max,
         );
-        say(deep.else_do(MORE_SUBSTEPS));
+        say(&mut all, deep.else_do(MORE_SUBSTEPS));
         let inside = Verdict::none(
             "bone vertices inside the muscle",
             s.bone_vertices_inside_max,
         );
-        say(inside.else_do("use more substeps, or a shorter `edge_length`"));
+        say(
+            &mut all,
+            inside.else_do("use more substeps, or a shorter `edge_length`"),
+        );
     }
     if simulation.frame() >= scene.frames && returns(simulation) {
         let share = s.distance_from_start_rms_m / s.length_m;
         let name = "distance from the start at the end, relative to the length";
-        say(Verdict::at_most(name, share, RETURN_DISTANCE));
+        say(&mut all, Verdict::at_most(name, share, RETURN_DISTANCE));
         let name = "edge stretch at the end, RMS";
-        say(Verdict::at_most(
-            name,
-            s.edge_stretch_rms_end,
-            RETURN_STRETCH,
-        ));
+        say(
+            &mut all,
+            Verdict::at_most(name, s.edge_stretch_rms_end, RETURN_STRETCH),
+        );
     }
     all
 }

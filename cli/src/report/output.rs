@@ -37,6 +37,18 @@ pub struct Verdict {
     pub place: Option<String>,
     /// Advice for the user after a failure.
     pub what_to_do: Option<String>,
+    /// The frame and point of the value, if it has one.
+    #[serde(rename = "at")]
+    pub spot: Option<Spot>,
+}
+
+/// A point in a frame of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Spot {
+    /// Index of the frame.
+    pub frame: usize,
+    /// The point, in the coordinates of the scene [m].
+    pub point_m: [f64; 3],
 }
 
 impl Verdict {
@@ -50,6 +62,7 @@ impl Verdict {
             passed,
             place: None,
             what_to_do: None,
+            spot: None,
         }
     }
 
@@ -106,6 +119,11 @@ impl Verdict {
     pub fn else_do(self, what: impl Into<String>) -> Self {
         let what_to_do = (!self.passed).then(|| what.into());
         Self { what_to_do, ..self }
+    }
+
+    /// Adds the frame and point of the value.
+    pub fn seen(self, spot: Option<Spot>) -> Self {
+        Self { spot, ..self }
     }
 
     /// Value and limit as text; empty without a value.
@@ -327,6 +345,8 @@ pub struct RunOutput<'a> {
     pub plots_title: String,
     /// Plots of the page.
     pub plots: Vec<Plot>,
+    /// Pictures of the places where checks failed.
+    pub places: Vec<Picture>,
     /// Pictures of the page.
     pub pictures: Vec<Picture>,
     /// Pictures of the page with a slider.
@@ -353,7 +373,8 @@ impl RunOutput<'_> {
         files.extend(self.files.iter().map(|f| f.name.clone()));
         files.extend(self.data.iter().map(|d| d.file.to_owned()));
         files.extend(self.plots.iter().filter_map(|p| p.file.clone()));
-        files.extend(self.pictures.iter().map(|p| p.file.clone()));
+        let pictures = self.places.iter().chain(&self.pictures);
+        files.extend(pictures.map(|p| p.file.clone()));
         files.extend(["report.html", "summary.json"].map(str::to_owned));
         files.retain(|name| !name.starts_with("frames/"));
         self.with_files(&files)
@@ -430,7 +451,7 @@ impl RunOutput<'_> {
         for data in std::mem::take(&mut self.data) {
             folder.write(data.file, |w| data.write(w))?;
         }
-        for picture in &self.pictures {
+        for picture in self.places.iter().chain(&self.pictures) {
             folder.write(&picture.file, |w| w.write_all(&picture.bytes))?;
         }
         for Plot { file, plot } in &self.plots {
@@ -460,6 +481,7 @@ impl RunOutput<'_> {
             verdict: self.verdicts,
             lead: self.lead,
             findings: self.findings,
+            places: shown(self.places),
             pictures: shown(pictures),
             sheets: shown(sheets),
             turntable: self.turntable,
@@ -488,16 +510,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_verdict_has_its_seven_keys() {
+    fn a_verdict_has_its_eight_keys() {
         let verdict = Verdict::at_most("ends within 0.01 mm of their area", 2e-5, 1e-5)
             .in_unit("m")
             .at("psoas")
-            .else_do("choose larger areas");
+            .else_do("choose larger areas")
+            .seen(Some(Spot {
+                frame: 3,
+                point_m: [0.0, 0.5, 1.0],
+            }));
         assert_eq!(
             json!(verdict),
             json!({
                 "name": "ends within 0.01 mm of their area", "value": 2e-5, "limit": 1e-5, "unit": "m", "passed": false,
-                "where": "psoas", "what_to_do": "choose larger areas",
+                "where": "psoas", "what_to_do": "choose larger areas", "at": {"frame": 3, "point_m": [0.0, 0.5, 1.0]},
             })
         );
         assert_eq!(

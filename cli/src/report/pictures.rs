@@ -44,6 +44,9 @@ const LONG: f64 = 1.5;
 /// Number of fibres of a muscle in a picture: more of them hide its colours.
 const DRAWN: usize = 24;
 
+/// Colour of a mark, which no colour scale has.
+const MARK: colour::Rgb = [0.85, 0.1, 0.1];
+
 /// Colour of fibres on bright muscles, where the renderer's colour is unsuitable.
 const LINE: colour::Rgb = [0.95, 0.95, 0.97];
 
@@ -73,6 +76,28 @@ impl Stage {
             focus: bounds.corners().to_vec(),
             range: (0.0, most),
         }
+    }
+
+    /// The stage seen from a direction.
+    pub fn from(&self, from: Vector3<f64>) -> Self {
+        Self {
+            view: View::orthographic(from, self.up),
+            ..self.clone()
+        }
+    }
+
+    /// The stage around a point, to this distance [m].
+    pub fn around(&self, point: &Point3<f64>, distance: f64) -> Self {
+        let near = Aabb::of_points(&[*point]).inflate(distance);
+        Self {
+            focus: near.corners().to_vec(),
+            ..self.clone()
+        }
+    }
+
+    /// The direction to the viewer.
+    pub fn towards_viewer(&self) -> Vector3<f64> {
+        self.view.from
     }
 
     /// The stage from three sides, with their names: unchanged, from the side, and from above, or
@@ -307,10 +332,24 @@ impl<'a> Painter<'a> {
         frame
     }
 
+    /// A picture with a ring around a point; `radius` is that of the ring [px].
+    pub fn marked(&self, shot: &FrameState, point: &Point3<f64>, radius: f64) -> Frame {
+        let canvas = Canvas::new(SMALL.0, SMALL.1);
+        let mut frame = self.paint(shot, canvas);
+        if let Some((at, _)) = self.camera(canvas).pixel(point) {
+            frame.ring(at, radius, MARK);
+        }
+        frame
+    }
+
+    fn camera(&self, canvas: Canvas) -> Camera {
+        Camera::fit(self.stage.focus.iter().copied(), &self.stage.view, canvas)
+    }
+
     /// A picture without title and legend.
     pub fn paint(&self, shot: &FrameState, canvas: Canvas) -> Frame {
         let range = self.stage.range;
-        let camera = Camera::fit(self.stage.focus.iter().copied(), &self.stage.view, canvas);
+        let camera = self.camera(canvas);
         let values = match self.shown {
             Shown::Stretch => stretches(self.cast, shot),
             Shown::Attached => self

@@ -6,13 +6,13 @@ use std::collections::VecDeque;
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
-use super::output::Verdict;
+use super::output::{Spot, Verdict};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::measures::{max_or_nan, quantile};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::scene::Limits;
 use pliant::simulation::{Body, Simulation};
-use pliant::state::{DecodeError, Reader, Writer};
+use pliant::state::{DecodeError, Reader, Value, Writer};
 
 /// Number of frames of a mean, odd.
 const WINDOW: usize = 7;
@@ -84,20 +84,114 @@ pub struct RunQuality {
 struct Watched {
     /// Hinges with a free vertex, each with the part of its angle at rest that does not count [deg].
     hinges: Vec<([u32; 4], f64)>,
+    /// Edges, with their lengths at rest [m].
+    edges: Vec<([u32; 2], f64)>,
     /// Free vertices on a bone, with their distances at rest [m].
     on_bone: Vec<(u32, f64)>,
     /// Thickness at rest [m].
     thick: Option<f64>,
     /// The last positions [m].
     recent: VecDeque<Vec<Point3<f64>>>,
-    jitter: Option<f64>,
-    /// Greatest motion of a free and of a held vertex in a frame [m].
-    ways: [f64; 2],
+    /// Greatest motion of a held vertex in a frame [m].
+    held: f64,
     /// That of a held vertex in the whole motion of its bone, of which a run can make a part.
     scheduled: f64,
-    lift: Option<f64>,
-    thinnest: Option<f64>,
-    hinge: f64,
+    worst: Worst,
+}
+
+/// The worst values of a muscle so far; `None` for what was not measured.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Worst {
+    jitter: Option<Found>,
+    /// Greatest motion of a free vertex in a frame [m].
+    way: Option<Found>,
+    lift: Option<Found>,
+    thinnest: Option<Found>,
+    hinge: Option<Found>,
+    /// Greatest strain of an edge, relative to the mesh at rest.
+    strain: Option<Found>,
+}
+
+/// A value, and the vertex that has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Found {
+    value: f64,
+    vertex: u32,
+    spot: Spot,
+}
+
+impl Found {
+    /// The vertex with a value at these positions.
+    fn of(value: f64, vertex: u32, frame: usize, x: &[Point3<f64>]) -> Self {
+        let point_m = x[vertex as usize].into();
+        Self {
+            value,
+            vertex,
+            spot: Spot { frame, point_m },
+        }
+    }
+
+    /// Puts this in place of a smaller value. NaN stays.
+    fn keep_greatest(self, so_far: &mut Option<Self>) {
+        let is_greater = |old: &Self| !(self.value <= old.value) && !old.value.is_nan();
+        if so_far.as_ref().is_none_or(is_greater) {
+            *so_far = Some(self);
+        }
+    }
+
+    /// Puts this in place of a greater value. NaN stays.
+    fn keep_least(self, so_far: &mut Option<Self>) {
+        let is_less = |old: &Self| !(self.value >= old.value) && !old.value.is_nan();
+        if so_far.as_ref().is_none_or(is_less) {
+            *so_far = Some(self);
+        }
+    }
+}
+
+impl Value for Found {
+    const MIN_BYTES: usize = 44;
+    fn encode(&self, to: &mut Writer) {
+        to.put(&self.value);
+        to.put(&self.vertex);
+        to.put(&self.spot.frame);
+        to.put(&self.spot.point_m);
+    }
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        Ok(Self {
+            value: from.take()?,
+            vertex: from.take()?,
+            spot: Spot {
+                frame: from.take()?,
+                point_m: from.take()?,
+            },
+        })
+    }
+}
+
+impl Value for Worst {
+    const MIN_BYTES: usize = 6;
+    fn encode(&self, to: &mut Writer) {
+        for found in [
+            &self.jitter,
+            &self.way,
+            &self.lift,
+            &self.thinnest,
+            &self.hinge,
+            &self.strain,
+        ] {
+            to.put(found);
+        }
+    }
+    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
+        Ok(Self {
+            jitter: from.take()?,
+            way: from.take()?,
+            lift: from.take()?,
+            thinnest: from.take()?,
+            hinge: from.take()?,
+            strain: from.take()?,
+        })
+    }
 }
 
 impl RunQuality {
@@ -109,7 +203,7 @@ impl RunQuality {
             let x = &body.rest.vertices;
             let watched = &mut self.muscles[k];
             watched.scheduled = scheduled(simulation, body);
-            watched.thick = thickness(body, x, &surfaces[k]);
+            watched.thick = thickness(body, x, &surfaces[k]).map(|(thick, _)| thick);
             let bones = Bones::of(simulation, 0);
             let free = (0..x.len()).filter(|&v| body.is_free(v));
             // Without contact with bones nothing keeps a muscle near them.
@@ -130,7 +224,7 @@ impl RunQuality {
         let frame = simulation.frame();
         for (watched, body) in self.muscles.iter_mut().zip(&simulation.bodies) {
             if body.stopped.is_none() && !body.rest.triangles.is_empty() {
-                watched.add(body);
+                watched.add(body, frame);
             }
         }
         if frame.is_multiple_of(EVERY) {
@@ -148,7 +242,7 @@ impl RunQuality {
 
     /// Measures thickness and distance from bones.
     fn examine(&mut self, simulation: &Simulation) {
-        let bodies = &simulation.bodies;
+        let (bodies, frame) = (&simulation.bodies, simulation.frame());
         let surfaces: Vec<Surface> = bodies.iter().map(now).collect();
         let bones = Bones::of(simulation, simulation.frame());
         for (k, (watched, body)) in self.muscles.iter_mut().zip(bodies).enumerate() {
@@ -156,22 +250,19 @@ impl RunQuality {
                 continue;
             }
             let x = &body.system.particles.position;
-            let thin = thickness(body, x, &surfaces[k]);
-            watched.thinnest = match (watched.thinnest, thin) {
-                // NaN stays.
-                (Some(a), Some(b)) => Some(if a <= b || a.is_nan() { a } else { b }),
-                (a, b) => a.or(b),
-            };
+            if let Some((thin, vertex)) = thickness(body, x, &surfaces[k]) {
+                Found::of(thin, vertex, frame, x).keep_least(&mut watched.worst.thinnest);
+            }
             let lifted = watched.on_bone.iter().filter_map(|&(v, at_rest)| {
                 let from = &x[v as usize];
                 let (distance, to) = bones.nearest(from)?;
                 let others = surfaces.iter().enumerate().filter(|(other, _)| *other != k);
                 let is_between = |surface: &Surface| is_hit(surface, from, &(to - from));
                 let is_covered = others.into_iter().any(|(_, surface)| is_between(surface));
-                Some(if is_covered { 0.0 } else { distance - at_rest })
+                Some((if is_covered { 0.0 } else { distance - at_rest }, v))
             });
-            if let Some(lift) = quantile(lifted.collect(), MOST) {
-                watched.lift = Some(max_or_nan(watched.lift.into_iter().chain([lift])));
+            if let Some((lift, vertex)) = at_quantile(lifted.collect(), MOST) {
+                Found::of(lift, vertex, frame, x).keep_greatest(&mut watched.worst.lift);
             }
         }
     }
@@ -179,6 +270,12 @@ impl RunQuality {
     /// The measures of each muscle.
     pub fn of_muscles(&self) -> Vec<Quality> {
         self.muscles.iter().map(Watched::quality).collect()
+    }
+
+    /// The worst values of a muscle, with their places.
+    pub fn worst(&self, muscle: usize) -> Worst {
+        let watched = self.muscles.get(muscle);
+        watched.map_or_else(Worst::default, |watched| watched.worst)
     }
 
     /// Writes what later frames depend on.
@@ -189,11 +286,8 @@ impl RunQuality {
             let coordinates: Vec<f64> = recent.flat_map(|p| [p.x, p.y, p.z]).collect();
             to.put(&watched.recent.len());
             to.put(&coordinates);
-            to.put(&watched.jitter);
-            to.put(&watched.ways);
-            to.put(&watched.lift);
-            to.put(&watched.thinnest);
-            to.put(&watched.hinge);
+            to.put(&watched.held);
+            to.put(&watched.worst);
         }
     }
 
@@ -224,11 +318,8 @@ impl RunQuality {
                 .map(|p| Point3::new(p[0], p[1], p[2]))
                 .collect();
             watched.recent = points.chunks(count.max(1)).map(<[_]>::to_vec).collect();
-            watched.jitter = from.take()?;
-            watched.ways = from.take()?;
-            watched.lift = from.take()?;
-            watched.thinnest = from.take()?;
-            watched.hinge = from.take()?;
+            watched.held = from.take()?;
+            watched.worst = from.take()?;
         }
         Ok(all)
     }
@@ -240,7 +331,10 @@ impl Watched {
         let x = &body.rest.vertices;
         let is_free = |hinge: &&[u32; 4]| hinge.iter().any(|&v| body.is_free(v as usize));
         let free = topology.hinges.iter().filter(is_free);
+        let length = |[a, b]: [u32; 2]| (x[a as usize] - x[b as usize]).norm();
+        let edges = topology.edges.iter().map(|&edge| (edge, length(edge)));
         Self {
+            edges: edges.filter(|(_, length)| *length > 0.0).collect(),
             hinges: free
                 .map(|&hinge| (hinge, (fold(x, hinge) - SHARP).max(0.0)))
                 .collect(),
@@ -249,62 +343,79 @@ impl Watched {
     }
 
     /// Adds a frame.
-    fn add(&mut self, body: &Body) {
+    fn add(&mut self, body: &Body, frame: usize) {
         let x = &body.system.particles.position;
+        let at = |value, vertex| Found::of(value, vertex, frame, x);
         if let Some(before) = self.recent.back() {
-            for (v, (x, before)) in x.iter().zip(before).enumerate() {
-                let way = &mut self.ways[usize::from(!body.is_free(v))];
-                *way = max_or_nan([*way, (x - before).norm()]);
+            for (v, (to, before)) in x.iter().zip(before).enumerate() {
+                let way = (to - before).norm();
+                if body.is_free(v) {
+                    at(way, v as u32).keep_greatest(&mut self.worst.way);
+                } else {
+                    self.held = max_or_nan([self.held, way]);
+                }
             }
         }
-        let folds = self.hinges.iter();
-        let folds = folds.map(|(hinge, at_rest)| fold(x, *hinge) - at_rest);
-        self.hinge = max_or_nan(folds.chain([self.hinge]));
+        for &(hinge, at_rest) in &self.hinges {
+            let angle = fold(x, hinge) - at_rest;
+            at(angle, hinge[0]).keep_greatest(&mut self.worst.hinge);
+        }
+        for &([a, b], length) in &self.edges {
+            let strain = (x[a as usize] - x[b as usize]).norm() / length - 1.0;
+            at(strain.abs(), a).keep_greatest(&mut self.worst.strain);
+        }
         self.recent.push_back(x.clone());
         if self.recent.len() > WINDOW {
             self.recent.pop_front();
         }
         if self.recent.len() == WINDOW {
-            self.add_window(body);
+            self.add_window(body, frame - WINDOW / 2);
         }
     }
 
-    /// Compares the middle of the window with its mean.
-    fn add_window(&mut self, body: &Body) {
-        let (mut away, mut way) = ([0.0_f64; 2], 0.0_f64);
+    /// Compares the middle of the window, the frame `middle`, with its mean.
+    fn add_window(&mut self, body: &Body, middle: usize) {
+        let (mut free, mut held, mut way) = (None, 0.0_f64, 0.0_f64);
+        let x = &self.recent[WINDOW / 2];
         for v in 0..body.rest.vertices.len() {
-            let held = usize::from(!body.is_free(v));
-            let middle = self.recent[WINDOW / 2][v];
             // Differences are exact zeros for what rests.
-            let sum: Vector3<f64> = self.recent.iter().map(|x| x[v] - middle).sum();
+            let sum: Vector3<f64> = self.recent.iter().map(|other| other[v] - x[v]).sum();
             let by = sum.norm() / WINDOW as f64;
-            away[held] = max_or_nan([away[held], by]);
-            if held == 1 {
+            if body.is_free(v) {
+                Found::of(by, v as u32, middle, x).keep_greatest(&mut free);
+            } else {
+                held = max_or_nan([held, by]);
                 let through = self.recent[WINDOW - 1][v] - self.recent[0][v];
                 way = way.max(through.norm());
             }
         }
-        let [free, held] = away;
         let is_held = body
             .attached
             .iter()
             .any(|(v, _)| !body.is_free(*v as usize));
         // Of what rests nothing is asked: a muscle may swing or sink.
         if is_held && way > 0.0 && held <= STEADY * way {
-            let jitter = max_or_nan([free - held, 0.0]);
-            self.jitter = Some(max_or_nan(self.jitter.into_iter().chain([jitter])));
+            let jitter = free.map(|free| Found {
+                value: max_or_nan([free.value - held, 0.0]),
+                ..free
+            });
+            if let Some(jitter) = jitter {
+                jitter.keep_greatest(&mut self.worst.jitter);
+            }
         }
     }
 
     fn quality(&self) -> Quality {
-        let [free, held] = self.ways;
         let ratio = |a: f64, b: f64| (b > 0.0).then(|| a / b);
+        let value = |found: Option<Found>| found.map(|found| found.value);
+        let way = value(self.worst.way).unwrap_or(0.0);
+        let thinnest = value(self.worst.thinnest).zip(self.thick);
         Quality {
-            jitter_m: self.jitter,
-            snap_ratio: ratio(free, max_or_nan([held, self.scheduled])),
-            lift_off_m: self.lift,
-            thickness_ratio_min: self.thinnest.zip(self.thick).and_then(|(a, b)| ratio(a, b)),
-            hinge_max_deg: (!self.hinges.is_empty()).then_some(self.hinge),
+            jitter_m: value(self.worst.jitter),
+            snap_ratio: ratio(way, max_or_nan([self.held, self.scheduled])),
+            lift_off_m: value(self.worst.lift),
+            thickness_ratio_min: thinnest.and_then(|(a, b)| ratio(a, b)),
+            hinge_max_deg: value(self.worst.hinge).map(|angle| max_or_nan([angle, 0.0])),
         }
     }
 }
@@ -387,9 +498,17 @@ fn place(surface: &Surface, triangle: u32, weights: [f64; 3]) -> Point3<f64> {
     Point3::from(sum.sum::<Vector3<f64>>())
 }
 
-/// The thickness that a small share of the free vertices has at most [m]: the way from a vertex to
-/// the opposite side, against its normal. `None` for a surface that encloses nothing.
-fn thickness(body: &Body, x: &[Point3<f64>], surface: &Surface) -> Option<f64> {
+/// The value that a share of vertices has at most, and the first vertex with it.
+fn at_quantile(all: Vec<(f64, u32)>, share: f64) -> Option<(f64, u32)> {
+    let value = quantile(all.iter().map(|(value, _)| *value).collect(), share)?;
+    all.into_iter()
+        .find(|(other, _)| other.total_cmp(&value).is_eq())
+}
+
+/// The thickness that a small share of the free vertices has at most [m], and a vertex with it: the
+/// way from a vertex to the opposite side, against its normal. `None` for a surface that encloses
+/// nothing.
+fn thickness(body: &Body, x: &[Point3<f64>], surface: &Surface) -> Option<(f64, u32)> {
     if !(body.rest_volume > 0.0) {
         return None;
     }
@@ -403,9 +522,9 @@ fn thickness(body: &Body, x: &[Point3<f64>], surface: &Surface) -> Option<f64> {
         let inwards = -normals[v].try_normalize(0.0)?;
         let from = x[v] + inwards * (BELOW * body.edge_length);
         let (triangle, weights) = surface.first_hit(&from, &inwards)?;
-        Some((place(surface, triangle, weights) - x[v]).norm())
+        Some(((place(surface, triangle, weights) - x[v]).norm(), v as u32))
     });
-    quantile(ways.collect(), THIN)
+    at_quantile(ways.collect(), THIN)
 }
 
 /// The angle between the normals of the two triangles of a hinge [deg]. Its edge is `[p1, p2]`.
@@ -416,8 +535,29 @@ fn fold(x: &[Point3<f64>], [p1, p2, p3, p4]: [u32; 4]) -> f64 {
     first.angle(&second).to_degrees()
 }
 
-/// What an anatomist asks of the motion of a muscle of this length [m]. NaN fails.
-pub(super) fn verdicts(quality: &Quality, limits: &Limits, length: f64) -> Vec<Verdict> {
+/// A verdict on a muscle; if it failed, with the place of the worst value.
+fn located(verdict: Verdict, muscle: &str, found: Option<Found>) -> Verdict {
+    let Some(Found { vertex, spot, .. }) = found.filter(|_| !verdict.passed) else {
+        return verdict.at(muscle);
+    };
+    let place = format!("{muscle}, frame {}, vertex {vertex}", spot.frame);
+    verdict.at(place).seen(Some(spot))
+}
+
+impl Worst {
+    /// A verdict on the strain of the edges of a muscle.
+    pub(super) fn of_strain(&self, verdict: Verdict, muscle: &str) -> Verdict {
+        located(verdict, muscle, self.strain)
+    }
+}
+
+/// What an anatomist asks of the motion of a muscle with this name and length [m]. NaN fails.
+pub(super) fn verdicts(
+    quality: &Quality,
+    worst: &Worst,
+    limits: &Limits,
+    (name, length): (&str, f64),
+) -> Vec<Verdict> {
     let Limits {
         jitter,
         snap,
@@ -446,14 +586,14 @@ pub(super) fn verdicts(quality: &Quality, limits: &Limits, length: f64) -> Vec<V
     let hinge = hinge.map(f64::to_degrees);
     let fold = most("greatest angle of a fold", quality.hinge_max_deg, hinge);
     let all = [
-        (jitter.map(|v| v.in_unit("m")), SMOOTHER),
-        (snap, SMOOTHER),
-        (lift.map(|v| v.in_unit("m")), TAUTER),
-        (thick, STIFFER),
-        (fold.map(|v| v.in_unit("deg")), STIFFER),
+        (jitter.map(|v| v.in_unit("m")), SMOOTHER, worst.jitter),
+        (snap, SMOOTHER, worst.way),
+        (lift.map(|v| v.in_unit("m")), TAUTER, worst.lift),
+        (thick, STIFFER, worst.thinnest),
+        (fold.map(|v| v.in_unit("deg")), STIFFER, worst.hinge),
     ];
     all.into_iter()
-        .filter_map(|(verdict, advice)| Some(verdict?.else_do(advice)))
+        .filter_map(|(verdict, advice, found)| Some(located(verdict?.else_do(advice), name, found)))
         .collect()
 }
 
@@ -488,7 +628,7 @@ mod tests {
 
     /// The names of the verdicts that fail for a muscle of 20 cm with the default limits.
     fn failed(quality: &Quality) -> Vec<String> {
-        let all = verdicts(quality, &Limits::default(), 0.2);
+        let all = verdicts(quality, &Worst::default(), &Limits::default(), ("a", 0.2));
         let failed = all.into_iter().filter(|verdict| !verdict.passed);
         failed.map(|verdict| verdict.name).collect()
     }
@@ -568,6 +708,30 @@ mod tests {
             ..Quality::default()
         };
         assert_eq!(failed(&nan).len(), 1);
+        // A failed one has the place of its worst vertex, one that passed has none.
+        let spot = Spot {
+            frame: 3,
+            point_m: [1.0, 2.0, 3.0],
+        };
+        let worst = Worst {
+            jitter: Some(Found {
+                value: f64::NAN,
+                vertex: 7,
+                spot,
+            }),
+            ..Worst::default()
+        };
+        let at = |quality: &Quality| {
+            let all = verdicts(quality, &worst, &Limits::default(), ("a", 0.2));
+            (all[0].place.clone(), all[0].spot)
+        };
+        let place = "a, frame 3, vertex 7".to_owned();
+        assert_eq!(at(&nan), (Some(place), Some(spot)));
+        let steady = Quality {
+            jitter_m: Some(0.0),
+            ..nan
+        };
+        assert_eq!(at(&steady), (Some("a".to_owned()), None));
         // Limits of the scene replace the default.
         let wide = Limits {
             jitter: Some(1.0),
@@ -576,7 +740,12 @@ mod tests {
             thickness: Some(0.0),
             hinge: Some(std::f64::consts::PI),
         };
-        let judged = verdicts(&shaken(3e-3, Some(one)), &wide, 0.2);
+        let judged = verdicts(
+            &shaken(3e-3, Some(one)),
+            &Worst::default(),
+            &wide,
+            ("a", 0.2),
+        );
         assert!(judged.iter().all(|verdict| verdict.passed), "{judged:?}");
     }
 

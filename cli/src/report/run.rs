@@ -10,7 +10,7 @@ use super::frames::{FrameWriter, Listing, Stored, Written};
 use super::output::{Picture, RunOutput, SceneRun, Times, Verdict, effects, verdict_table};
 use super::pictures::Painter;
 use super::shots::Shots;
-use super::{Table, lattice, measured, skin, springs};
+use super::{Table, lattice, measured, places, skin, springs};
 use pliant::format::number;
 use pliant::io::file_name;
 use pliant::mesh::measures::median;
@@ -201,6 +201,10 @@ impl Frames {
             output.name, output.subtitle, output.text
         );
         output.pictures.extend(pictures(scenario, &scene, &shots)?);
+        let read = |frame| listing.read(&scene, folder.path(), frame).ok().flatten();
+        let (places, more) = places::pictures(&scene, &output.verdicts, read)?;
+        output.places = places;
+        output.notes.extend(more);
         output.tables.extend(
             tables_of(scenario, settings)
                 .into_iter()

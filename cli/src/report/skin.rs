@@ -4,7 +4,7 @@ use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
 use super::implant::{Insertion, Point, joined, json_of};
-use super::output::{DataFile, Plot, RunOutput, Verdict};
+use super::output::{DataFile, Plot, RunOutput, Spot, Verdict};
 use super::sensitivities::left_out;
 use super::{LinePlot, Table};
 use pliant::mesh::measures::max_or_nan;
@@ -129,12 +129,14 @@ fn sound(part: &SkinPart) -> Vec<Verdict> {
         ("crossings of skin and implants", |s| &s.implants),
         ("crossings with obstacles", |s| &s.obstacles),
     ];
-    let at = |frame: usize, defects: &Defects| match defects.place {
-        Some(p) => {
+    let at = |verdict: Verdict, frame: usize, defects: &Defects| match defects.place {
+        Some(p) if !verdict.passed => {
             let [x, y, z] = [p.x, p.y, p.z].map(|c| pliant::format::number(c * 1e3));
-            format!("{}, frame {frame}, at ({x}, {y}, {z}) mm", part.name)
+            let place = format!("{}, frame {frame}, at ({x}, {y}, {z}) mm", part.name);
+            let point_m = p.into();
+            verdict.at(place).seen(Some(Spot { frame, point_m }))
         }
-        None => part.name.clone(),
+        _ => verdict.at(part.name.as_str()),
     };
     let mut all = Vec::new();
     for (name, of) in kinds {
@@ -151,9 +153,12 @@ fn sound(part: &SkinPart) -> Vec<Verdict> {
             )
         });
         let first = counts.clone().find(|(_, count)| !(*count <= 0.0));
-        let place = first.map_or_else(|| part.name.clone(), |(f, _)| at(f.frame, of(&f.soundness)));
         let most = max_or_nan(counts.map(|(_, count)| count));
-        all.push(Verdict::at_most(name, most, 0.0).at(place).else_do(room));
+        let verdict = Verdict::at_most(name, most, 0.0).else_do(room);
+        all.push(match first {
+            Some((f, _)) => at(verdict, f.frame, of(&f.soundness)),
+            None => verdict.at(part.name.as_str()),
+        });
     }
     let steepest = part.frames.iter().max_by(|a, b| {
         let [a, b] = [a, b].map(|f| f.soundness.greatest_fold);
@@ -166,12 +171,8 @@ fn sound(part: &SkinPart) -> Vec<Verdict> {
             angle.to_degrees(),
             limit.to_degrees(),
         );
-        let place = if verdict.passed {
-            part.name.clone()
-        } else {
-            at(f.frame, &f.soundness.folds)
-        };
-        all.push(verdict.in_unit("degrees").at(place).else_do(room));
+        let verdict = verdict.in_unit("degrees").else_do(room);
+        all.push(at(verdict, f.frame, &f.soundness.folds));
     }
     all
 }

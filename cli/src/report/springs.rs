@@ -123,9 +123,9 @@ impl Summary {
             limit: self.stability_limit_s,
             ..step.with_value(self.dt_s).in_unit("s")
         };
-        let rest = Verdict {
-            what_to_do: hint,
-            ..rest
+        let rest = match hint {
+            Some(hint) => rest.else_do(hint),
+            None => rest,
         };
         vec![rest, step]
     }
