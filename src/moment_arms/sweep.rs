@@ -221,7 +221,8 @@ impl SweepRun {
         }
         let step = (sweep.to - sweep.from) / (angles.len() - 1) as f64;
         let frames = sweep.frames.max(1) as usize;
-        let course = Course::of_joint(turning, &joint, &angles, step, frames);
+        let joints = motion::moved(&scene, (&joint, &turning), &angles)?;
+        let course = Course::of_joint(&joints, &angles, step, frames);
         let fibres = (sweep.fibres, sweep.by);
         let (simulation, muscles, left_out) = started(scene, &sweep.joint, &course, fibres)?;
         Ok(Self::begin(

@@ -187,14 +187,15 @@ fn piecewise(points: &[[f64; 2]], x: f64) -> f64 {
 /// The cubic spline of SIMM \[forsythe1977\]: at each end its third derivative is that of the cubic
 /// through the four outermost points. It is straight outside of its points.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Spline {
+pub(crate) struct Spline {
     points: Vec<[f64; 2]>,
     /// Coefficients of the first, second and third power of the distance from each point.
     powers: Vec<[f64; 3]>,
 }
 
 impl Spline {
-    fn new(points: &[[f64; 2]]) -> Self {
+    /// The spline through two points or more, with ascending first coordinates.
+    pub(crate) fn new(points: &[[f64; 2]]) -> Self {
         let n = points.len();
         let y = |k: usize| points[k][1];
         let width = |from: usize, to: usize| f64::max(CLOSEST, points[to][0] - points[from][0]);
@@ -248,7 +249,8 @@ impl Spline {
         }
     }
 
-    fn at(&self, q: f64) -> f64 {
+    /// The value at `q`.
+    pub(crate) fn at(&self, q: f64) -> f64 {
         let (first, last) = (0, self.points.len() - 1);
         let straight = |k: usize| self.points[k][1] + (q - self.points[k][0]) * self.powers[k][0];
         if q < self.points[first][0] {

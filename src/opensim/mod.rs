@@ -22,6 +22,7 @@ pub mod paths;
 
 pub use document::ModelError;
 pub use drive::ModelDrive;
+pub(crate) use functions::Spline;
 pub use model::{Coordinate, Model, ModelBody, ModelMesh, ModelMuscle};
 pub use motion::MotionTable;
 pub use parameters::{MuscleParameters, SPECIFIC_TENSION, normalised_lengths};

@@ -22,7 +22,8 @@ use crate::mesh::TriangleMesh;
 ///
 /// let mut bone = icosphere(0.02, 2);
 /// bone.vertices.iter_mut().for_each(|v| v.x += 0.0695);
-/// let joint = Joint { name: None, centre: Point3::new(0.0, 0.3, 0.0), axis: Vector3::z_axis() };
+/// let joint = Joint { name: None, centre: Point3::new(0.0, 0.3, 0.0), axis: Vector3::z_axis(),
+///     path: Vec::new() };
 /// let scene = Scene::builder("ball", 10, 60.0)
 ///     .bone("bone", bone)
 ///     .turn(&joint, &[(0.0, 0.0), (10.0, -0.02)])

@@ -181,10 +181,16 @@ impl Encode for Motion {
 
 impl Encode for Joint {
     fn encode(&self, to: &mut Encoder<'_>) {
-        let Self { name, centre, axis } = self;
+        let Self {
+            name,
+            centre,
+            axis,
+            path,
+        } = self;
         to.field("name", name);
         to.field("centre", centre);
         to.field("axis", axis);
+        to.field("path", path);
     }
 }
 

@@ -77,9 +77,11 @@ pub enum SceneProblem {
     /// E058: a text that is no quantity.
     #[error(transparent)]
     Quantity(#[from] UnitError),
-    /// E059: key frames that are not in ascending order.
-    #[error("frame {frame} does not come after frame {before}")]
+    /// E059: key frames, or angles of a path, that are not in ascending order.
+    #[error("{what} {frame} does not come after {what} {before}")]
     KeysOutOfOrder {
+        /// What orders the keys: frames, or angles \[rad\].
+        what: &'static str,
         /// Frame of the later key.
         frame: f64,
         /// Frame of the previous key.
@@ -252,7 +254,9 @@ impl SceneProblem {
             Self::Conflict { first, second } => format!("keep either `{first}` or `{second}`"),
             Self::Syntax { .. } => "write the scene as TOML, see https://toml.io".to_owned(),
             Self::Quantity(error) => error.help(),
-            Self::KeysOutOfOrder { .. } => "sort the keys by frame, each frame once".to_owned(),
+            Self::KeysOutOfOrder { what, .. } => {
+                format!("sort the keys by {what}, each {what} once")
+            }
             Self::MissingFile { hint, .. } => (*hint).to_owned(),
             Self::OutsideFolder { .. } => {
                 "write an absolute path, or one that begins with a variable such as $PLIANT_DATA"

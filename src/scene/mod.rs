@@ -195,12 +195,25 @@ pub struct Joint {
     pub centre: Point3<f64>,
     /// Axis of rotation; positive angles follow the right-hand rule.
     pub axis: Unit<Vector3<f64>>,
+    /// Poses at angles of the joint of a bone that glides instead of turning with it, such as a patella:
+    /// `frame` is the angle \[rad\], ascending. Empty for a bone that turns.
+    pub path: Vec<Key>,
 }
 
 impl Joint {
-    /// The pose of a bone rotated by an angle \[rad\] from its pose in the file.
+    /// The pose of the bone at an angle of the joint \[rad\], from its pose in the file: turned about
+    /// the axis, or on its path. Between two keys of a path, pose, speed and acceleration are continuous;
+    /// beyond its ends the pose is that of the end.
     pub fn pose(&self, angle: f64) -> Isometry3<f64> {
-        crate::rigid::turned(&self.axis, angle, &self.centre.coords)
+        if self.path.is_empty() {
+            return crate::rigid::turned(&self.axis, angle, &self.centre.coords);
+        }
+        motion::along(self, angle)
+    }
+
+    /// The least and the greatest angle of its path \[rad\]; `None` without a path.
+    pub fn path_range(&self) -> Option<[f64; 2]> {
+        Some([self.path.first()?.frame, self.path.last()?.frame])
     }
 }
 

@@ -11,6 +11,7 @@ use super::reader::{Limit, Section};
 use super::twist::{Twist, smooth_step};
 use super::units::Dimension;
 use super::{Joint, Key, Motion};
+use crate::opensim::Spline;
 use crate::rigid::{screw_part, turned};
 
 /// Greatest angle of a part of a rotation about one axis between two keys \[rad\], well below the
@@ -18,6 +19,10 @@ use crate::rigid::{screw_part, turned};
 const LARGEST_TURN: f64 = 2.0;
 /// Greatest relative angle between two keys about different axes \[rad\], below the half turn.
 const CLEAR_TURN: f64 = 3.0;
+/// Number of poses in a frame of a bone on a path, and greatest number of frames between two keys that have
+/// as many.
+const POSES: f64 = 4.0;
+const MOST_FRAMES: f64 = 10_000.0;
 /// Greatest angle of a key \[rad\]; bounds the number of inserted keys.
 const LARGEST_ANGLE: f64 = 1000.0;
 
@@ -83,6 +88,43 @@ impl Motion {
     }
 }
 
+/// The pose at an angle of a joint on its path: turn and translation follow cubic splines, with the last
+/// piece like its neighbour at both ends. At a key the pose has the bits of the key.
+pub(super) fn along(joint: &Joint, angle: f64) -> Isometry3<f64> {
+    let path = &joint.path;
+    let ends = (path.first(), path.last());
+    let (Some(first), Some(last)) = ends else {
+        return Isometry3::identity();
+    };
+    let angle = angle.max(first.frame).min(last.frame);
+    if let Some(key) = path.iter().find(|key| key.frame == angle) {
+        return key.pose;
+    }
+    let centre = joint.centre.coords;
+    let of_key = |key: &Key| {
+        let turn = Twist::of(&key.pose).turn;
+        // The translation after a turn about the centre.
+        let moved = key.pose.translation.vector + key.pose.rotation * centre - centre;
+        [turn.x, turn.y, turn.z, moved.x, moved.y, moved.z]
+    };
+    let all: Vec<[f64; 6]> = path.iter().map(of_key).collect();
+    let at = |part: usize| {
+        let each = path.iter().zip(&all);
+        let points: Vec<[f64; 2]> = each.map(|(key, of)| [key.frame, of[part]]).collect();
+        Spline::new(&points).at(angle)
+    };
+    let turn = Vector3::new(at(0), at(1), at(2));
+    let moved = Vector3::new(at(3), at(4), at(5));
+    let turned = match Unit::try_new_and_get(turn, 0.0) {
+        Some((axis, angle)) => turned(&axis, angle, &centre),
+        None => Isometry3::identity(),
+    };
+    Isometry3::from_parts(
+        Translation3::from(turned.translation.vector + moved),
+        turned.rotation,
+    )
+}
+
 /// A key as written: rotation about an axis through the joint's centre, translation along the axis,
 /// then a further translation.
 #[derive(Clone, Copy, Debug)]
@@ -126,32 +168,132 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
             expected: "at least one key".to_owned(),
         });
     }
-    let point = centre.unwrap_or_default();
-    let mut motion = Motion {
-        keys: Vec::new(),
-        joint: joint(section, centre, axis)?,
-        linear: is_linear(section)?,
+    let joint = joint(section, centre, axis)?;
+    let linear = is_linear(section)?;
+    let at = |key: &Section<'_>| key.need("frame", "0")?.number(Limit::Within(0.0, 1e9));
+    let (written, keys) = read_keys(section, &sections, (centre, axis), ("frame", &at))?;
+    let Some(path) = section.get("path") else {
+        return Ok(Motion {
+            keys,
+            joint,
+            linear,
+        });
     };
-    let mut before: Option<Written> = None;
+    let (Some(joint), Some(axis)) = (joint, axis) else {
+        return path.fail(SceneProblem::missing(
+            "centre",
+            "`centre` and `axis` of the joint to the motion",
+        ));
+    };
+    let steps = section.sections("path")?;
+    if steps.len() < 2 {
+        return path.fail(SceneProblem::EmptyList {
+            expected: "poses at two angles at least".to_owned(),
+        });
+    }
+    let half = Limit::Within(-std::f64::consts::PI, std::f64::consts::PI);
+    let at = |key: &Section<'_>| {
+        key.need("at", "\"0 deg\"")?
+            .quantity(Dimension::Angle, half)
+    };
+    let (_, path) = read_keys(section, &steps, (centre, Some(axis)), ("at", &at))?;
+    let joint = Joint { path, ..joint };
+    let [least, most] = joint.path_range().unwrap_or_default();
+    for (key, written) in sections.iter().zip(&written) {
+        let other = [
+            ("slide", written.slide != 0.0),
+            ("translation", written.translation != Vector3::zeros()),
+            ("axis", written.axis != axis && written.angle != 0.0),
+        ];
+        if let Some((other, _)) = other.into_iter().find(|(_, is_there)| *is_there) {
+            return key.fail(SceneProblem::Conflict {
+                first: "path".to_owned(),
+                second: other.to_owned(),
+            });
+        }
+        key.quantity_or("angle", Dimension::Angle, Limit::Within(least, most), 0.0)?;
+    }
+    let turning = Motion {
+        keys,
+        joint: None,
+        linear,
+    };
+    Ok(Motion {
+        keys: glide(&turning, &joint),
+        joint: Some(joint),
+        linear,
+    })
+}
+
+/// The poses on the path of a joint in the frames of a motion that turns it, and between them.
+fn glide(turning: &Motion, joint: &Joint) -> Vec<Key> {
+    let at = |frame: f64| {
+        let q = turning.pose(frame).rotation;
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        let angle = 2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w);
+        Key {
+            frame,
+            pose: joint.pose(angle),
+        }
+    };
+    let mut keys = Vec::new();
+    for pair in turning.keys.windows(2) {
+        let (from, to) = (pair[0].frame, pair[1].frame);
+        keys.push(at(from));
+        if pair[0].pose != pair[1].pose {
+            let stride = ((to - from) / MOST_FRAMES).ceil().max(1.0) / POSES;
+            let mut frame = from.floor() + stride;
+            while frame < to {
+                if frame > from {
+                    keys.push(at(frame));
+                }
+                frame += stride;
+            }
+        }
+    }
+    keys.extend(turning.keys.last().map(|last| at(last.frame)));
+    keys
+}
+
+/// Reads poses in the order of their frames or angles, with inserted ones in a large turn about one axis.
+fn read_keys(
+    section: &Section<'_>,
+    sections: &[Section<'_>],
+    (centre, axis): (Option<Vector3<f64>>, Option<Unit<Vector3<f64>>>),
+    (name, at): (&'static str, ReadNumber<'_>),
+) -> Result<(Vec<Written>, Vec<Key>), SceneError> {
+    let point = centre.unwrap_or_default();
+    let (mut all, mut keys) = (Vec::<Written>::new(), Vec::new());
     for key in sections {
-        let written = read_key(&key, axis)?;
+        let written = read_key(key, axis, at)?;
         if written.angle != 0.0 && centre.is_none() {
             return section.fail(SceneProblem::missing(
                 "centre",
                 "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`",
             ));
         }
-        if let Some(before) = before {
-            between(&before, &written, &point, &key, &mut motion)?;
+        if let Some(before) = all.last() {
+            if written.frame <= before.frame {
+                let what = if name == "at" { "angle [rad]" } else { name };
+                return key.need(name, "0")?.fail(SceneProblem::KeysOutOfOrder {
+                    what,
+                    frame: written.frame,
+                    before: before.frame,
+                });
+            }
+            between(before, &written, &point, key, &mut keys)?;
         }
-        motion.keys.push(Key {
+        keys.push(Key {
             frame: written.frame,
             pose: written.pose(&point),
         });
-        before = Some(written);
+        all.push(written);
     }
-    Ok(motion)
+    Ok((all, keys))
 }
+
+/// Reads the number at which a pose stands.
+type ReadNumber<'a> = &'a dyn Fn(&Section<'_>) -> Result<f64, SceneError>;
 
 /// The key `interpolation`, smooth if it is absent.
 fn is_linear(section: &Section<'_>) -> Result<bool, SceneError> {
@@ -183,6 +325,7 @@ fn joint(
             name,
             centre: centre.into(),
             axis,
+            path: Vec::new(),
         })),
         (None, _) if name.is_some() => section.fail(SceneProblem::missing(
             "centre",
@@ -195,8 +338,12 @@ fn joint(
     }
 }
 
-fn read_key(key: &Section<'_>, axis: Option<Unit<Vector3<f64>>>) -> Result<Written, SceneError> {
-    let frame = key.need("frame", "0")?.number(Limit::Within(0.0, 1e9))?;
+fn read_key(
+    key: &Section<'_>,
+    axis: Option<Unit<Vector3<f64>>>,
+    at: ReadNumber<'_>,
+) -> Result<Written, SceneError> {
+    let frame = at(key)?;
     let limit = Limit::Within(-LARGEST_ANGLE, LARGEST_ANGLE);
     let angle = key.quantity_or("angle", Dimension::Angle, limit, 0.0)?;
     let slide = key.quantity_or("slide", Dimension::Length, Limit::Any, 0.0)?;
@@ -229,15 +376,8 @@ fn between(
     after: &Written,
     centre: &Vector3<f64>,
     section: &Section<'_>,
-    motion: &mut Motion,
+    keys: &mut Vec<Key>,
 ) -> Result<(), SceneError> {
-    if after.frame <= before.frame {
-        let problem = SceneProblem::KeysOutOfOrder {
-            frame: after.frame,
-            before: before.frame,
-        };
-        return section.need("frame", "0")?.fail(problem);
-    }
     if !before.shares_axis(after) {
         let relative = before.pose(centre).inverse() * after.pose(centre);
         let wide = before.angle.abs().max(after.angle.abs()) > std::f64::consts::PI;
@@ -268,7 +408,7 @@ fn between(
             slide: mix(before.slide, after.slide),
             translation: before.translation + (after.translation - before.translation) * share,
         };
-        motion.keys.push(Key {
+        keys.push(Key {
             frame: written.frame,
             pose: written.pose(centre),
         });

@@ -349,6 +349,7 @@ fn by_frames(list: &[Section<'_>]) -> Read<Amount> {
         let frame = at.whole(1, MOST_FRAMES)? as usize;
         if let Some((before, _)) = fill.last().filter(|(before, _)| *before >= frame) {
             return at.fail(SceneProblem::KeysOutOfOrder {
+                what: "frame",
                 frame: frame as f64,
                 before: *before as f64,
             });

@@ -47,12 +47,15 @@ impl Limit {
         }
     }
 
-    fn describe(self, what: &str) -> String {
+    fn describe(self, what: &str, unit: &str) -> String {
         match self {
             Self::Any => format!("a finite {what}"),
             Self::Positive => format!("{} greater than zero", with_article(what)),
             Self::NotNegative => format!("{} of at least zero", with_article(what)),
-            Self::Within(low, high) => format!("{} from {low} to {high}", with_article(what)),
+            Self::Within(low, high) => {
+                let range = format!("{} from {low} to {high} {unit}", with_article(what));
+                range.trim_end().to_owned()
+            }
         }
     }
 }
@@ -106,12 +109,12 @@ impl<'a> Item<'a> {
             Value::Text(text) if has_interval(text) => {
                 return self.quantity(Dimension::Ratio, limit);
             }
-            _ => return self.wrong_type(limit.describe("number")),
+            _ => return self.wrong_type(limit.describe("number", "")),
         };
-        self.limited(value, limit, "number")
+        self.limited(value, limit, "number", "")
     }
 
-    fn limited(&self, value: f64, limit: Limit, what: &str) -> Read<f64> {
+    fn limited(&self, value: f64, limit: Limit, what: &str, unit: &str) -> Read<f64> {
         if limit.allows(value) {
             // Minus zero would appear as `-0` in reports and change the sign of products.
             return Ok(value + 0.0);
@@ -122,7 +125,7 @@ impl<'a> Item<'a> {
         };
         self.fail(SceneProblem::OutOfRange {
             found,
-            allowed: limit.describe(what),
+            allowed: limit.describe(what, unit),
         })
     }
 
@@ -154,7 +157,7 @@ impl<'a> Item<'a> {
                 let intervals = self.context.intervals;
                 let value = intervals.read(&self.key, text, dimension);
                 let value = value.map_err(|e| self.error(e.into()))?;
-                return self.limited(value, limit, &dimension.to_string());
+                return self.limited(value, limit, &dimension.to_string(), &dimension.base());
             }
             Value::Integer(number) => number.to_string(),
             Value::Float(number) => number.to_string(),

@@ -189,6 +189,15 @@ const MOTION: Schema = Schema::Listed(&[
     ("axis", Plain),
     ("interpolation", Text),
     ("keys", List(&KEY)),
+    ("path", List(&PATH)),
+]);
+
+const PATH: Schema = Schema::Listed(&[
+    ("at", Text),
+    ("angle", Text),
+    ("slide", Text),
+    ("axis", Plain),
+    ("translation", Plain),
 ]);
 
 const KEY: Schema = Schema::Listed(&[

@@ -17,7 +17,7 @@ pub(crate) fn smooth_step(share: f64) -> f64 {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Twist {
     /// Axis times angle \[rad\].
-    turn: Vector3<f64>,
+    pub(super) turn: Vector3<f64>,
     /// Speed of the body's origin \[m\].
     slide: Vector3<f64>,
 }

@@ -232,6 +232,14 @@ impl Dimension {
         shown.join(", ")
     }
 
+    /// The unit of the values that are read; empty for a ratio.
+    pub(super) fn base(self) -> String {
+        let is_base = |unit: &&Unit| unit.power == 0 && unit.factor == 1.0;
+        let base = self.units().iter().find(is_base);
+        base.filter(|_| self != Self::Ratio)
+            .map_or(String::new(), |unit| unit.names[0].replace('*', " "))
+    }
+
     /// An example of a quantity, for messages.
     #[must_use]
     pub fn example(self) -> &'static str {

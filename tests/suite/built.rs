@@ -12,6 +12,7 @@ use pliant::{Scene, Simulation, TriangleMesh, text_of};
 /// A ball of soft tissue on a ball of bone that turns about the origin.
 fn on_a_ball(bone: TriangleMesh, ball: TriangleMesh) -> SceneBuilder {
     let joint = Joint {
+        path: Vec::new(),
         name: Some("a \"joint\"".to_owned()),
         centre: Point3::new(0.0, 0.3, 0.0),
         axis: Vector3::z_axis(),
@@ -135,6 +136,7 @@ fn mistakes_are_those_of_the_reader() {
     }
     // A turn before any bone is text at a place where no reader accepts it.
     let joint = Joint {
+        path: Vec::new(),
         name: None,
         centre: Point3::origin(),
         axis: Vector3::z_axis(),

@@ -245,6 +245,50 @@ fn what_cannot_be_swept_says_why() {
     );
 }
 
+/// A bone that glides at half the angle of its joint gives half the moment arm; at the whole angle, that of a
+/// bone that turns.
+#[test]
+fn a_bone_on_a_path_moves_by_it() {
+    let glides = |share: f64| {
+        move |text: String| {
+            let key = |at: f64| format!("{{ at = '{at} rad', angle = '{} rad' }}", share * at);
+            let keys: Vec<String> = [-0.1, -0.05, 0.0, 0.02, 0.1].map(key).to_vec();
+            let path = format!("path = [{}]\n[[muscle]]", keys.join(", "));
+            text.replacen("[[muscle]]", &path, 1)
+        }
+    };
+    let arm = |name: &str, change: &dyn Fn(String) -> String| {
+        let (_folder, scene) = scene(name, change);
+        let running = swept(scene, &sweep(-0.06, 0.06));
+        Arms::new(&running.muscles[0], &running, 0).mean[3]
+    };
+    let turns = arm("turns", &|text| text);
+    let [whole, half] = [1.0, 0.5].map(|share| arm("glides", &glides(share)));
+    assert!((whole / turns - 1.0).abs() <= 1e-9, "{whole} {turns}");
+    assert!((half / turns - 0.5).abs() <= T22, "{half} {turns}");
+    let (_folder, short) = scene("short-path", glides(1.0));
+    let refused = SweepRun::new(short, &sweep(0.0, 0.2))
+        .err()
+        .map(|e| e.to_string());
+    assert!(refused.is_some_and(|why| why.contains("from -5.73 to 5.73 deg")));
+    let (_folder, other) = scene("other-axis", glides(1.0));
+    let about = Sweep {
+        axis: Some(Vector3::x_axis()),
+        ..sweep(0.0, 0.05)
+    };
+    let about = match other.bones[1].motion.joint.as_ref().map(|j| j.axis) {
+        Some(axis) if axis == Vector3::x_axis() => Sweep {
+            axis: Some(Vector3::y_axis()),
+            ..about
+        },
+        _ => about,
+    };
+    assert!(matches!(
+        SweepRun::new(other, &about),
+        Err(SweepError::Range(_))
+    ));
+}
+
 /// Four muscles of the right hip: every angle reaches equilibrium, no muscle is in a bone, and
 /// the gluteus extends where the psoas flexes.
 #[test]

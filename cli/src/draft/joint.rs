@@ -4,6 +4,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::fit::{self, Fit, long_axis, widest};
 use super::names::{self, known_bone};
+use super::patella::{Knee, Path};
 use pliant::contact::Surface;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
@@ -120,6 +121,8 @@ pub struct Joint {
     pub sense: &'static str,
     /// Along the bone from which the other one hangs, or that hangs from it.
     pub up: Unit<Vector3<f64>>,
+    /// Bones among those that turn which glide on a path of their own.
+    pub glides: Vec<(usize, Path)>,
 }
 
 impl Joint {
@@ -251,16 +254,34 @@ impl KnownJoint {
                     joint: self.name,
                     bone: bones[turns].name.to_owned(),
                 })?;
+        let turning = (0..bones.len()).filter(|&b| self.moves(bones, b, between));
+        let turns: Vec<usize> = turning.collect();
+        let is_knee = bones[rests].is(&["femur"]) && bones[between[1]].is(&["tibia"]);
+        let patellae = turns
+            .iter()
+            .filter(|&&b| is_knee && bones[b].is(&["patella"]));
+        let glide = |&b: &usize| {
+            let knee = Knee {
+                femur: bones[rests].mesh,
+                surface: bones[rests].surface,
+                tibia: bones[between[1]].mesh,
+                patella: bones[b].mesh,
+                centre: fit.centre,
+                axis,
+                up,
+            };
+            Some((b, knee.path()?))
+        };
+        let glides = patellae.filter_map(glide).collect();
         Ok(Joint {
             known: self,
             between,
-            turns: (0..bones.len())
-                .filter(|&b| self.moves(bones, b, between))
-                .collect(),
+            turns,
             fit,
             axis,
             sense,
             up,
+            glides,
         })
     }
 

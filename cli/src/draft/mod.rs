@@ -6,6 +6,7 @@ pub mod fit;
 pub mod joint;
 pub mod mending;
 pub mod names;
+pub mod patella;
 mod tendon;
 
 use std::borrow::Cow;
@@ -17,6 +18,7 @@ use attachments::{Attachment, LooseEnd, NEAR_MM, WITHIN_MM};
 use joint::Joint;
 use mending::{Edges, Mended, coarser, cut, remeshed};
 use nalgebra::{Unit, Vector3};
+use patella::PathKey;
 use pliant::contact::Surface;
 use pliant::io::file_name;
 use pliant::mesh::TriangleMesh;
@@ -393,6 +395,29 @@ impl Draft {
             joint.sense,
             known.degrees,
         );
+        let Some((_, path)) = joint.glides.iter().find(|(glides, _)| *glides == bone) else {
+            return;
+        };
+        let _ = writeln!(
+            toml,
+            "path = [ # it glides over the femur, at the length of its ligament, where the quadriceps is shortest"
+        );
+        for PathKey {
+            at,
+            angle,
+            translation,
+        } in &path.keys
+        {
+            let [at, angle] = [at, angle].map(|a| a.to_degrees());
+            let translation = translation.map(|c| format!("\"{:.3} mm\"", 1e3 * c));
+            let translation: Vec<&str> = translation.iter().map(String::as_str).collect();
+            let _ = writeln!(
+                toml,
+                "    {{ at = \"{at:.0} deg\", angle = \"{angle:.3} deg\", translation = [{}] }},",
+                translation.join(", "),
+            );
+        }
+        toml.push_str("]\n");
     }
 
     fn put_held(&self, toml: &mut String, held: &Held) {

@@ -3,6 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::SweepError;
+use crate::format::number;
 use crate::mesh::measures::max_or_nan;
 use crate::opensim::ModelDrive;
 use crate::scene::{Joint, Key, Motion, Scene};
@@ -16,10 +17,11 @@ const LARGEST_STEP: f64 = 0.1;
 /// A scene without such a joint.
 pub fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError> {
     let joints = scene.bones.iter().map(|b| b.motion.joint.as_ref());
-    let named = joints
-        .clone()
-        .flatten()
-        .find(|j| j.name.as_deref() == Some(name));
+    let named = |joint: &&Joint| joint.name.as_deref() == Some(name);
+    let all = || joints.clone().flatten().filter(named);
+    // A bone that glides has a path of its own.
+    let turns = all().find(|joint| joint.path.is_empty());
+    let named = turns.or_else(|| all().next());
     if let Some(found) = named {
         let turning = joints
             .map(|j| j.is_some_and(|j| j.name.as_deref() == Some(name)))
@@ -53,6 +55,46 @@ pub fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError
     })
 }
 
+/// The joint of the bones that turn, and of each bone that glides as it turns, with the bones that they
+/// move.
+///
+/// # Errors
+/// A path that does not reach the angles, or belongs to another axis.
+pub fn moved(
+    scene: &Scene,
+    (joint, turning): (&Joint, &[bool]),
+    angles: &[f64],
+) -> Result<Vec<(Joint, Vec<bool>)>, SweepError> {
+    let mut turns = turning.to_vec();
+    let mut all = Vec::new();
+    for (b, bone) in scene.bones.iter().enumerate().filter(|(b, _)| turning[*b]) {
+        let own = bone.motion.joint.as_ref();
+        let Some((own, [least, most])) = own.and_then(|own| Some((own, own.path_range()?))) else {
+            continue;
+        };
+        let name = &bone.name;
+        if own.axis != joint.axis {
+            return Err(SweepError::Range(format!(
+                "the path of bone `{name}` is of another axis; leave the axis out, or the path"
+            )));
+        }
+        let is_beyond = |angle: &&f64| !(least <= **angle && **angle <= most);
+        if let Some(angle) = angles.iter().find(is_beyond) {
+            let [angle, least, most] = [*angle, least, most].map(|a| number(a.to_degrees()));
+            return Err(SweepError::Range(format!(
+                "the path of bone `{name}` goes from {least} to {most} deg, and not to {angle} deg"
+            )));
+        }
+        turns[b] = false;
+        let only = (0..turning.len()).map(|other| other == b).collect();
+        all.push((own.clone(), only));
+    }
+    let mut main = joint.clone();
+    main.path.clear();
+    all.insert(0, (main, turns));
+    Ok(all)
+}
+
 /// The course of a scene: displacements of joints, frame by frame.
 #[derive(Debug)]
 pub(super) struct Course {
@@ -65,21 +107,20 @@ pub(super) struct Course {
 }
 
 impl Course {
-    /// A joint that turns from the given pose to the first angle and on, with some frames from one
+    /// Joints that turn by the same angle, from the given pose to the first angle and on, with some frames from one
     /// value to the next.
     pub(super) fn of_joint(
-        turning: Vec<bool>,
-        joint: &Joint,
+        joints: &[(Joint, Vec<bool>)],
         angles: &[f64],
         step: f64,
         frames: usize,
     ) -> Self {
-        let mut course = vec![vec![Isometry3::identity()]];
+        let at = |angle: f64| joints.iter().map(|(joint, _)| joint.pose(angle)).collect();
+        let mut course = vec![vec![Isometry3::identity(); joints.len()]];
         let from = angles[0];
         if from != 0.0 {
             let count = (from.abs() / step).ceil().max(1.0) as usize * frames;
-            let approach = (1..=count).map(|k| joint.pose(from * k as f64 / count as f64));
-            course.extend(approach.map(|pose| vec![pose]));
+            course.extend((1..=count).map(|k| at(from * k as f64 / count as f64)));
         }
         let mut values = vec![course.len() - 1];
         for pair in angles.windows(2) {
@@ -88,12 +129,12 @@ impl Course {
                     true => pair[1],
                     false => pair[0] + (pair[1] - pair[0]) * (k as f64 / frames as f64),
                 };
-                course.push(vec![joint.pose(angle)]);
+                course.push(at(angle));
             }
             values.push(course.len() - 1);
         }
         Self {
-            moves: vec![turning],
+            moves: joints.iter().map(|(_, moves)| moves.clone()).collect(),
             frames: course,
             values,
         }
@@ -142,6 +183,7 @@ impl Course {
             name: None,
             centre,
             axis: greatest.map_or_else(nalgebra::Vector3::z_axis, |(axis, _)| axis),
+            path: Vec::new(),
         }
     }
 

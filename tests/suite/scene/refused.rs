@@ -167,6 +167,22 @@ refused! {
     e058_no_number: with("[effects.contact]\nthickness = 'thin'\n") =>
         "s.toml:10:13: error[E058]: effects.contact.thickness: `thin` does not begin with a number; \
          write a length as in \"0.5 mm\"";
+    e051_beyond_the_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
+        keys = [{ frame = 0 },\n{ frame = 5, angle = '2 rad' }]\npath = [{ at = '0 rad' }, { at = '1 rad' }]\n[[muscle]]") =>
+        "s.toml:10:22: error[E051]: bone.0.motion.keys.1.angle: `2 rad` is not allowed here; give an angle from 0 to 1 rad";
+    e056_path_and_translation: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
+        keys = [{ frame = 0, translation = ['0 m', '0 m', '1 m'] }]\npath = [{ at = '0 rad' }, { at = '1 rad' }]\n[[muscle]]") =>
+        "s.toml:9:9: error[E056]: bone.0.motion.keys.0: `path` and `translation` exclude each other; keep either `path` or `translation`";
+    e055_path_without_axis: spoilt("[[muscle]]", "[bone.motion]\nkeys = [{ frame = 0 }]\n\
+        path = [{ at = '0 rad' }, { at = '1 rad' }]\n[[muscle]]") =>
+        "s.toml:8:8: error[E055]: bone.0.motion.path: `centre` is missing; add `centre` and `axis` of the joint to the motion";
+    e065_short_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
+        keys = [{ frame = 0 }]\npath = [{ at = '0 rad' }]\n[[muscle]]") =>
+        "s.toml:10:8: error[E065]: bone.0.motion.path: the list is empty; give poses at two angles at least, or leave the key out";
+    e059_order_of_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
+        keys = [{ frame = 0 }]\npath = [{ at = '1 rad' }, { at = '0 rad' }]\n[[muscle]]") =>
+        "s.toml:10:34: error[E059]: bone.0.motion.path.1.at: angle [rad] 0 does not come after angle [rad] 1; \
+         sort the keys by angle [rad], each angle [rad] once";
     e059_order_of_keys: spoilt("[[muscle]]", "[bone.motion]\nkeys = [{ frame = 5 },\n{ frame = 5 }]\n[[muscle]]") =>
         "s.toml:8:11: error[E059]: bone.0.motion.keys.1.frame: frame 5 does not come after frame 5; \
          sort the keys by frame, each frame once";
