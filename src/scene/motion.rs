@@ -21,7 +21,7 @@ const LARGEST_TURN: f64 = 2.0;
 const CLEAR_TURN: f64 = 3.0;
 /// Number of poses in a frame of a bone on a path, and greatest number of frames between two keys that have
 /// as many.
-const POSES: f64 = 4.0;
+const POSES: f64 = 8.0;
 const MOST_FRAMES: f64 = 10_000.0;
 /// Greatest angle of a key \[rad\]; bounds the number of inserted keys.
 const LARGEST_ANGLE: f64 = 1000.0;

@@ -2,8 +2,8 @@
 //!
 //! The patella is a rigid body in the plane of the knee's motion: the quadriceps pulls its base along the
 //! femur with a constant force, the patellar ligament keeps its length, and the femur keeps its distance.
-//! At each angle it lies where the quadriceps is shortest, without friction (the planar model of van
-//! Eijden, Kouwenhoven, Verburg and Weijs 1986, with the shapes of the bones in place of circles).
+//! At each angle it lies where the quadriceps is shortest, without friction. This is the planar model of
+//! \[vaneijden1986\] with the shapes of the bones in place of curves, and an elastic layer for cartilage.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
