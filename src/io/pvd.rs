@@ -68,6 +68,11 @@ impl Collection {
         write_whole(path, |w| self.write_to(w))
     }
 
+    /// The entries of each time, in order.
+    pub fn times(&self) -> impl Iterator<Item = &[Entry]> {
+        self.entries.chunk_by(|a, b| a.time == b.time)
+    }
+
     /// Writes all entries; their times must be finite.
     pub(crate) fn write_to(&self, w: &mut impl Write) -> io::Result<()> {
         writeln!(w, "<?xml version=\"1.0\"?>")?;
@@ -90,6 +95,29 @@ impl Collection {
         }
         writeln!(w, "  </Collection>\n</VTKFile>")
     }
+}
+
+/// Writes a multi-block file (`.vtm`) of the parts at one time, whose files are in `folder` beside it
+/// (`frames/`), or anywhere if this is empty. ParaView shows the names of its blocks, and none of a
+/// collection.
+///
+/// # Errors
+/// Those of `w`.
+pub fn write_blocks(entries: &[Entry], folder: &str, w: &mut impl Write) -> io::Result<()> {
+    writeln!(w, "<?xml version=\"1.0\"?>")?;
+    writeln!(
+        w,
+        "<VTKFile type=\"vtkMultiBlockDataSet\" version=\"1.0\" byte_order=\"LittleEndian\">\n  <vtkMultiBlockDataSet>"
+    )?;
+    for (index, Entry { name, file, .. }) in entries.iter().enumerate() {
+        let file = file.strip_prefix(folder).unwrap_or(file);
+        let (name, file) = (escape(name), escape(file));
+        writeln!(
+            w,
+            "    <DataSet index=\"{index}\" name=\"{name}\" file=\"{file}\"/>"
+        )?;
+    }
+    writeln!(w, "  </vtkMultiBlockDataSet>\n</VTKFile>")
 }
 
 /// Reads a collection, without its files.
@@ -215,6 +243,32 @@ mod tests {
         let line = "timestep=\"0.2\" group=\"\" part=\"0\" name=\"a&lt;b &amp; &quot;c&quot;\" file=\"a/b_0002.vtp\"/>";
         assert!(text.contains(line), "{text}");
         assert_eq!(collection.entries().len(), 3);
+    }
+
+    #[test]
+    fn blocks_have_the_names_of_their_parts() {
+        let mut collection = Collection::new();
+        for (time, name, file) in [
+            (0.0, "muscle", "frames/muscle_0000.vtp"),
+            (0.0, "a<b", "frames/bone.vtp"),
+            (0.5, "muscle", "frames/muscle_0001.vtp"),
+        ] {
+            collection.push(Entry {
+                time,
+                part: 0,
+                name: name.into(),
+                file: file.into(),
+            });
+        }
+        let times: Vec<&[Entry]> = collection.times().collect();
+        assert_eq!(times.iter().map(|of| of.len()).collect::<Vec<_>>(), [2, 1]);
+        let mut bytes = Vec::new();
+        write_blocks(times[0], "frames/", &mut bytes).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        let blocks = "<DataSet index=\"0\" name=\"muscle\" file=\"muscle_0000.vtp\"/>\n    \
+                      <DataSet index=\"1\" name=\"a&lt;b\" file=\"bone.vtp\"/>";
+        assert!(text.contains(blocks), "{text}");
+        assert!(text.starts_with("<?xml") && text.ends_with("</VTKFile>\n"));
     }
 
     #[test]

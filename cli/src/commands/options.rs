@@ -168,8 +168,12 @@ impl Output {
             shown("report.html")
         );
         let files = output.files.iter().map(|f| &f.name);
-        let series = files.chain(&output.written).find(|f| f.ends_with(".pvd"));
-        if let Some(series) = series {
+        let listed = |ending: &str| {
+            let mut all = files.clone().chain(&output.written);
+            all.find(|f| f.ends_with(ending))
+        };
+        // The one with names of blocks, if there is one.
+        if let Some(series) = listed(".vtm.series").or_else(|| listed(".pvd")) {
             text += &format!("  open {} in ParaView\n", shown(series));
         }
         let summary = output.write(folder)?;

@@ -45,7 +45,7 @@ Examples:
   pliant run leg.toml --motion walk.mot
   pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --fibre-lines psoas.vtk --unit mm --animate gif
 
-Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
+Results: report.html, NAME.vtm.series (open in ParaView), NAME.pvd, frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
 --animate, scene.toml with --muscles, checkpoint.pliant with --checkpoint-every. Without --resume a run removes the
 results of an earlier one from its folder, its checkpoint too. Exit code 1: a check failed (not with --lenient), a muscle
 was stopped (it diverged, or a number was not finite), skin did not come to rest, or files could not be written.")]

@@ -20,7 +20,7 @@ const HEADER: &str =
 /// list.
 const ENDINGS: &[&str] = &[
     "vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "obj", "pliant", "xml",
-    "sto", "osim", "springs",
+    "sto", "osim", "springs", "vtm", "series",
 ];
 
 /// Subfolders that a run creates.

@@ -1,7 +1,7 @@
 //! The motion of a muscle as an anatomist judges it: jitter, snaps, distance from bones, thickness,
 //! folds.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
@@ -27,6 +27,9 @@ const EVERY: usize = 10;
 /// Vertices lie on a bone that are nearer than this at rest, relative to the length of the muscle:
 /// 4 mm of a muscle of 27 cm.
 const ON_BONE: f64 = 0.015;
+
+/// A muscle passes a bone that holds none of it within this share of its length.
+const BESIDE: f64 = 0.25;
 
 /// Share of the vertices on bones that have lifted off less than the given distance.
 const MOST: f64 = 0.95;
@@ -61,7 +64,8 @@ pub struct Quality {
     /// Greatest speed of a free vertex, relative to the greatest one of a vertex that a bone holds.
     pub snap_ratio: Option<f64>,
     /// Growth of the distance from the nearest bone that 95 % of the vertices on bones at rest have
-    /// at most, in the worst frame [m]. Vertices with another muscle between do not count.
+    /// at most, in the worst frame [m]. Vertices with another muscle between do not count. Of a bone that
+    /// does not hold the muscle counts what is farther from the straight line between both ends, too.
     pub lift_off_m: Option<f64>,
     /// Thickness that 1 % of the free vertices have at most, least over the frames, relative to that
     /// at rest.
@@ -86,8 +90,8 @@ struct Watched {
     hinges: Vec<([u32; 4], f64)>,
     /// Edges, with their lengths at rest [m].
     edges: Vec<([u32; 2], f64)>,
-    /// Free vertices on a bone, with their distances at rest [m].
-    on_bone: Vec<(u32, f64)>,
+    /// Free vertices on a bone.
+    on_bone: Vec<OnBone>,
     /// Thickness at rest [m].
     thick: Option<f64>,
     /// The last positions [m].
@@ -97,6 +101,17 @@ struct Watched {
     /// That of a held vertex in the whole motion of its bone, of which a run can make a part.
     scheduled: f64,
     worst: Worst,
+}
+
+/// A free vertex on a bone at rest.
+#[derive(Clone, Copy, Debug)]
+struct OnBone {
+    vertex: u32,
+    /// Its distance from the bone at rest [m].
+    at_rest: f64,
+    /// How far it lies beyond the straight line between both ends of the muscle, away from the bone, at rest
+    /// [m], for a bone that the muscle passes here. There it leaves the bone as it gets straight.
+    beyond: Option<f64>,
 }
 
 /// The worst values of a muscle so far; `None` for what was not measured.
@@ -208,9 +223,18 @@ impl RunQuality {
             let free = (0..x.len()).filter(|&v| body.is_free(v));
             // Without contact with bones nothing keeps a muscle near them.
             let touches = !simulation.plan.muscles[k].obstacles.is_empty();
+            let ends = ends(body, x);
             let near = free.filter(|_| touches).filter_map(|v| {
-                let (distance, _) = bones.nearest(&x[v])?;
-                (distance <= ON_BONE * body.length).then_some((v as u32, distance))
+                let (at_rest, at, bone) = bones.nearest(&x[v])?;
+                let is_held = |&(other, by): &(u32, usize)| {
+                    by == bone && (x[other as usize] - x[v]).norm() <= BESIDE * body.length
+                };
+                let passed = ends.as_ref().filter(|_| !body.attached.iter().any(is_held));
+                (at_rest <= ON_BONE * body.length).then_some(OnBone {
+                    vertex: v as u32,
+                    at_rest,
+                    beyond: passed.map(|ends| beyond_line(&x[v], &at, ends)),
+                })
             });
             watched.on_bone = near.collect();
         }
@@ -253,13 +277,22 @@ impl RunQuality {
             if let Some((thin, vertex)) = thickness(body, x, &surfaces[k]) {
                 Found::of(thin, vertex, frame, x).keep_least(&mut watched.worst.thinnest);
             }
-            let lifted = watched.on_bone.iter().filter_map(|&(v, at_rest)| {
-                let from = &x[v as usize];
-                let (distance, to) = bones.nearest(from)?;
+            let ends = ends(body, x);
+            let lifted = watched.on_bone.iter().filter_map(|on| {
+                let from = &x[on.vertex as usize];
+                let (distance, to, _) = bones.nearest(from)?;
+                let lift = distance - on.at_rest;
+                let lift = match on.beyond.zip(ends.as_ref()) {
+                    Some((at_rest, ends)) => {
+                        let most = max_or_nan([beyond_line(from, &to, ends) - at_rest, 0.0]);
+                        if most <= lift { most } else { lift }
+                    }
+                    None => lift,
+                };
                 let others = surfaces.iter().enumerate().filter(|(other, _)| *other != k);
                 let is_between = |surface: &Surface| is_hit(surface, from, &(to - from));
                 let is_covered = others.into_iter().any(|(_, surface)| is_between(surface));
-                Some((if is_covered { 0.0 } else { distance - at_rest }, v))
+                Some((if is_covered { 0.0 } else { lift }, on.vertex))
             });
             if let Some((lift, vertex)) = at_quantile(lifted.collect(), MOST) {
                 Found::of(lift, vertex, frame, x).keep_greatest(&mut watched.worst.lift);
@@ -433,14 +466,46 @@ impl<'a> Bones<'a> {
         )
     }
 
-    /// The distance of a point from the nearest bone, and the point there [m].
-    fn nearest(&self, point: &Point3<f64>) -> Option<(f64, Point3<f64>)> {
-        let each = self.0.iter().filter_map(|(surface, pose)| {
-            let found = surface.closest(&pose.inverse_transform_point(point))?;
-            Some((found.distance, pose * found.point))
-        });
+    /// The distance of a point from the nearest bone, the point there [m], and the bone.
+    fn nearest(&self, point: &Point3<f64>) -> Option<(f64, Point3<f64>, usize)> {
+        let each = self
+            .0
+            .iter()
+            .enumerate()
+            .filter_map(|(b, (surface, pose))| {
+                let found = surface.closest(&pose.inverse_transform_point(point))?;
+                Some((found.distance, pose * found.point, b))
+            });
         each.min_by(|a, b| a.0.total_cmp(&b.0))
     }
+}
+
+/// The middles of what the two bones hold that hold most of a muscle [m]; `None` for fewer bones.
+fn ends(body: &Body, x: &[Point3<f64>]) -> Option<[Point3<f64>; 2]> {
+    let mut held: BTreeMap<usize, (usize, Vector3<f64>)> = BTreeMap::new();
+    for &(v, bone) in &body.attached {
+        let (count, sum) = held.entry(bone).or_default();
+        *count += 1;
+        *sum += x[v as usize].coords;
+    }
+    let mut held: Vec<(usize, Vector3<f64>)> = held.into_values().collect();
+    held.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
+    let [one, other, ..] = held.as_slice() else {
+        return None;
+    };
+    Some([one, other].map(|(count, sum)| Point3::from(sum / *count as f64)))
+}
+
+/// How far a point lies beyond the line between two points, away from a point of a bone [m].
+fn beyond_line(point: &Point3<f64>, bone: &Point3<f64>, [one, other]: &[Point3<f64>; 2]) -> f64 {
+    let along = other - one;
+    let share = (point - one).dot(&along) / along.norm_squared();
+    let nearest = match share.is_finite() {
+        true => one + along * share.clamp(0.0, 1.0),
+        false => *one,
+    };
+    let away = (point - bone).try_normalize(0.0);
+    away.map_or(0.0, |away| away.dot(&(point - nearest)))
 }
 
 /// Greatest number of frames of a motion that are looked at.
@@ -600,6 +665,8 @@ pub(super) fn verdicts(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pliant::Scene;
+    use pliant::mesh::shapes::{icosphere, tube};
     use pliant::scene::builtin::load;
 
     /// A cube on a table, of which frames are given instead of computed.
@@ -747,6 +814,61 @@ mod tests {
             ("a", 0.2),
         );
         assert!(judged.iter().all(|verdict| verdict.passed), "{judged:?}");
+    }
+
+    #[test]
+    fn a_muscle_leaves_a_bone_that_it_passes_as_it_gets_straight() {
+        let moved = |mut mesh: TriangleMesh, by: Vector3<f64>| {
+            mesh.vertices.iter_mut().for_each(|v| *v += by);
+            mesh
+        };
+        let muscle = tube(0.01, 0.12, 24);
+        let bounds = muscle.bounding_box();
+        let (along, length) = (bounds.extents().iamax(), bounds.extents().amax());
+        let across = (along + 1) % 3;
+        let end = |sign: f64| {
+            let mut by = bounds.center().coords;
+            by[along] += sign * (0.5 * length + 0.0095);
+            moved(icosphere(0.01, 3), by)
+        };
+        let mut below = bounds.center().coords;
+        below[across] -= 0.0305;
+        // The lift-off where all vertices move by `way` of each, away from the bone below the middle, which
+        // holds the muscle or not.
+        let lifted = |holds: bool, way: &dyn Fn(f64) -> f64| {
+            let mut scene = Scene::builder("passes", 2, 60.0)
+                .bone("one", end(-1.0))
+                .bone("other", end(1.0))
+                .bone("below", moved(icosphere(0.02, 4), below))
+                .muscle("muscle", muscle.clone())
+                .attach("one", 2e-3)
+                .attach("other", 2e-3)
+                .set("effects.stretch", "on")
+                .set("effects.contact.thickness", "0.1 mm");
+            if holds {
+                scene = scene.attach("below", 0.7e-3);
+            }
+            let scene = scene.build().expect("a scene");
+            let mut simulation = Simulation::new(scene).expect("a simulation");
+            let mut quality = RunQuality::default();
+            quality.frame(&simulation);
+            for p in &mut simulation.bodies[0].system.particles.position {
+                let from_middle = (p[along] - bounds.center()[along]).abs() / (0.5 * length);
+                p[across] += way(from_middle);
+            }
+            quality.frame(&simulation);
+            quality.of_muscles()[0]
+                .lift_off_m
+                .expect("a vertex on a bone")
+        };
+        // As a whole: the line between the ends comes along.
+        let as_a_whole = lifted(false, &|_| 0.01);
+        assert!(as_a_whole <= 1e-9, "{as_a_whole}");
+        // Only the middle: it bulges.
+        let bulge = lifted(false, &|off| 0.01 * (1.0 - off));
+        assert!(bulge > 5e-3, "{bulge}");
+        let held = lifted(true, &|_| 0.01);
+        assert!(held > 5e-3, "control: {held}");
     }
 
     #[test]

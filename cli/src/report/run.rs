@@ -7,12 +7,15 @@ use std::time::{Duration, Instant};
 
 use super::folder::{Folder, FolderError};
 use super::frames::{FrameWriter, Listing, Stored, Written};
-use super::output::{Picture, RunOutput, SceneRun, Times, Verdict, effects, verdict_table};
+use super::output::{
+    Picture, RunOutput, SceneRun, Times, Verdict, effects, json_text, verdict_table,
+};
 use super::pictures::Painter;
 use super::shots::Shots;
 use super::{Table, lattice, measured, places, skin, springs};
 use pliant::format::number;
 use pliant::io::file_name;
+use pliant::io::pvd::{Collection, write_blocks};
 use pliant::mesh::measures::median;
 use pliant::progress::Progress;
 use pliant::scene::Content;
@@ -21,6 +24,7 @@ use pliant::simulation::{
     run,
 };
 use pliant_render::{PictureError, to_gif};
+use serde_json::json;
 
 /// Options of a run besides the scene.
 #[derive(Clone, Debug)]
@@ -166,6 +170,7 @@ impl Frames {
             .collection
             .write(&path)
             .map_err(|source| FolderError::Io { path, source })?;
+        let named = write_named_blocks(&folder, scenario.name(), &listing.collection)?;
         let has_bones = !scene.bones.is_empty();
         if has_bones {
             folder.write(POSES, |w| listing.write_poses(&scene, w))?;
@@ -213,7 +218,7 @@ impl Frames {
         let beside = |name: &String| format!("animation: {name}, beside this page");
         output.explanations.extend(animation.iter().map(beside));
         let poses = has_bones.then(|| POSES.to_owned());
-        let more = [series].into_iter().chain(poses).chain(animation);
+        let more = [series, named].into_iter().chain(poses).chain(animation);
         output.written.extend(more);
         output.scene = Some(scene_run);
         Ok(Finished { folder, output })
@@ -345,6 +350,25 @@ pub(super) fn end_unless(goes_on: bool) -> ControlFlow<()> {
         return ControlFlow::Continue(());
     }
     ControlFlow::Break(())
+}
+
+/// Writes the frames as blocks with names, and the list of them with their times. Returns its name.
+fn write_named_blocks(
+    folder: &Folder,
+    name: &str,
+    collection: &Collection,
+) -> Result<String, FolderError> {
+    let mut files = Vec::new();
+    for (k, entries) in collection.times().enumerate() {
+        let file = format!("frames/{}_{k:04}.vtm", file_name(name));
+        folder.write(&file, |w| write_blocks(entries, "frames/", w))?;
+        let time = entries.first().map_or(0.0, |entry| entry.time);
+        files.push(json!({"name": file, "time": time}));
+    }
+    let list = format!("{}.vtm.series", file_name(name));
+    let text = json_text(&json!({"file-series-version": "1.0", "files": files}));
+    folder.write(&list, |w| w.write_all(text.as_bytes()))?;
+    Ok(list)
 }
 
 /// Writes the animation if requested. Returns its name.
