@@ -76,6 +76,48 @@ pub struct Sweep {
     pub by: MuscleStepper,
 }
 
+impl Sweep {
+    /// The angles at equal distances \[rad\].
+    ///
+    /// # Errors
+    /// An empty or too wide range, a step that makes too few or too many.
+    pub fn angles(&self) -> Result<Vec<f64>, SweepError> {
+        let Self { from, to, step, .. } = *self;
+        let refuse = |text: String| Err(SweepError::Range(text));
+        let degrees = |angle: f64| crate::format::number(angle.to_degrees());
+        if !(from < to) {
+            return refuse(format!(
+                "from {} to {} degrees is no range; the first angle must be below the last",
+                degrees(from),
+                degrees(to)
+            ));
+        }
+        if !(from >= -WIDEST && to <= WIDEST) {
+            return refuse(
+                "a joint turns by at most 180 degrees either way; choose the first and the last angle within that"
+                    .to_owned(),
+            );
+        }
+        if !(step > 0.0) || (to - from) / step > MOST_VALUES as f64 {
+            return refuse(format!(
+                "a step of {} degrees makes no or too many values; choose another step",
+                degrees(step)
+            ));
+        }
+        // Ignores rounding where the range is a multiple of the step.
+        let count = ((to - from) / step - 1e-9).ceil().max(1.0) as usize;
+        if count < 2 {
+            return refuse(
+                "a moment arm needs at least 3 values of the angle; choose a smaller step"
+                    .to_owned(),
+            );
+        }
+        Ok((0..=count)
+            .map(|k| from + (to - from) * (k as f64 / count as f64))
+            .collect())
+    }
+}
+
 /// Stepper that moves the muscles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MuscleStepper {
@@ -214,7 +256,7 @@ impl SweepRun {
     /// An invalid range, an unknown joint, no muscle over the joint, no fibres, or a scene that
     /// cannot run.
     pub fn new(scene: Scene, sweep: &Sweep) -> Result<Self, SweepError> {
-        let angles = angles(sweep)?;
+        let angles = sweep.angles()?;
         let (mut joint, turning) = joint(&scene, &sweep.joint)?;
         if let Some(axis) = sweep.axis {
             joint.axis = axis;
@@ -424,42 +466,6 @@ fn started(
         }
     }
     Ok((simulation, muscles, left_out))
-}
-
-/// The angles at equal distances.
-fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
-    let Sweep { from, to, step, .. } = *sweep;
-    let refuse = |text: String| Err(SweepError::Range(text));
-    let degrees = |angle: f64| crate::format::number(angle.to_degrees());
-    if !(from < to) {
-        return refuse(format!(
-            "from {} to {} degrees is no range; the first angle must be below the last",
-            degrees(from),
-            degrees(to)
-        ));
-    }
-    if !(from >= -WIDEST && to <= WIDEST) {
-        return refuse(
-            "a joint turns by at most 180 degrees either way; choose the first and the last angle within that"
-                .to_owned(),
-        );
-    }
-    if !(step > 0.0) || (to - from) / step > MOST_VALUES as f64 {
-        return refuse(format!(
-            "a step of {} degrees makes no or too many values; choose another step",
-            degrees(step)
-        ));
-    }
-    // Ignores rounding where the range is a multiple of the step.
-    let count = ((to - from) / step - 1e-9).ceil().max(1.0) as usize;
-    if count < 2 {
-        return refuse(
-            "a moment arm needs at least 3 values of the angle; choose a smaller step".to_owned(),
-        );
-    }
-    Ok((0..=count)
-        .map(|k| from + (to - from) * (k as f64 / count as f64))
-        .collect())
 }
 
 /// Attaches muscles by the whole of the patches that a scene names. Limits of a scene leave enough

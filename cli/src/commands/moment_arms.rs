@@ -337,6 +337,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let begun = Instant::now();
     let sweep = sweep(arguments)?;
+    check_smooth(sweep.angles()?.len(), arguments.smooth)?;
     let tables = arguments
         .compare
         .iter()
@@ -356,7 +357,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let name = scene.name.clone();
     let out = arguments.output.folder(&name, "moment-arms");
     let mut running = SweepRun::new(*scene, &sweep)?;
-    check_smooth(running.angles.len(), arguments.smooth)?;
     let opensim = arguments.opensim.clone().map(|coordinate| OpenSimNames {
         coordinate,
         forces: arguments
