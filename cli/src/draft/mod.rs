@@ -25,7 +25,7 @@ use pliant::mesh::TriangleMesh;
 use pliant::scene::EFFECTS;
 use pliant::simulation::Assets;
 use rayon::prelude::*;
-use tendon::Tendon;
+use tendon::{Target, Tendon};
 
 /// Resistance to bending: with less, muscles of the measured hip lose more than half of their thickness.
 const BENDING: &str = "5e-4 N m";
@@ -165,9 +165,39 @@ impl Draft {
     /// The bone that a joint turns and on which a muscle ends, by their names.
     fn insertion(&self, muscle: &Body, joint: &Joint) -> Option<usize> {
         let wanted = names::insertion(&muscle.name, joint.known.name)?;
-        let is_it =
-            |b: usize| names::known_bone(&self.bones[b].name).is_some_and(|k| k.name == wanted);
+        let is_it = |b: usize| {
+            names::known_bone(&self.bones[b].name).is_some_and(|k| k.name == wanted.bone)
+        };
         joint.turns.iter().copied().find(|&b| is_it(b))
+    }
+
+    /// The triangles of a bone on which a muscle ends, by their names; `None` for all of them.
+    fn inserts(
+        &self,
+        muscle: &Body,
+        joint: &Joint,
+        bone: usize,
+        surface: &Surface,
+    ) -> Option<Vec<u32>> {
+        let known = names::insertion(&muscle.name, joint.known.name)?;
+        (self.insertion(muscle, joint) == Some(bone)).then_some(())?;
+        let (middle, axis, length) = fit::long_axis(surface.positions())?;
+        let away = joint.fit.centre - middle;
+        // From the middle to the end at the joint.
+        let axis = if axis.dot(&away) < 0.0 { -axis } else { axis };
+        let heights = surface.positions().iter().map(|p| (p - middle).dot(&axis));
+        let top = heights.max_by(f64::total_cmp)?;
+        let [least, most] = known.along.map(|share| top - share * length);
+        let is_there = |t: &[u32; 3]| {
+            let of = |v: &u32| (surface.positions()[*v as usize] - middle).dot(&axis);
+            t.iter().all(|v| most <= of(v) && of(v) <= least)
+        };
+        let all = surface.triangles().iter().enumerate();
+        let there: Vec<u32> = all
+            .filter(|(_, t)| is_there(t))
+            .map(|(k, _)| k as u32)
+            .collect();
+        (!there.is_empty()).then_some(there)
     }
 
     /// Lengthens each muscle whose tendon crosses the joint, and that its mesh lacks. Where that cannot be
@@ -201,8 +231,13 @@ impl Draft {
                         .collect(),
                 };
                 let is_first = held[m].tendon.is_none() && self.parts.is_some();
+                let part = self.inserts(&self.muscles[m], joint, bone, &bones[bone]);
+                let target = Target {
+                    bone,
+                    part: part.as_deref(),
+                };
                 let tendon = (is_first && attachment.crosses(joint))
-                    .then(|| around.lengthened(meshes[m], far, bone))
+                    .then(|| around.lengthened(meshes[m], far, target))
                     .flatten();
                 if let Some(tendon) = tendon {
                     self.lengthen(&mut held[m], m, a, tendon);

@@ -206,18 +206,36 @@ pub fn crosses(muscle: &str, joint: &str) -> Option<bool> {
     row.map(|(_, joints)| joints.contains(&joint))
 }
 
-/// Muscles that do not end on the nearest bone of those that a joint turns: beginnings of words of their
-/// names, the joint, and the bone.
-const INSERTIONS: [(&[&str], &str, &str); 3] = [
-    (&["biceps", "brachi"], "elbow", "radius"),
-    (&["brachialis"], "elbow", "ulna"),
-    (&["biceps", "femor"], "knee", "fibula"),
+/// Where a muscle ends that does not end on the nearest part of the bones that a joint turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownInsertion {
+    /// The bone, as in [`BONES`].
+    pub bone: &'static str,
+    /// The part of its length, from the end at the joint, that has the insertion. A tendon that the mesh
+    /// lacks leads there.
+    pub along: [f64; 2],
+}
+
+const fn ends_on(bone: &'static str, along: [f64; 2]) -> KnownInsertion {
+    KnownInsertion { bone, along }
+}
+
+/// Beginnings of words of the names of muscles, the joint, and where they end. The tuberosity of a radius of
+/// 24 cm begins 25 mm from its head and is 22 mm long \[mazzocca2007\].
+const INSERTIONS: [(&[&str], &str, KnownInsertion); 3] = [
+    (
+        &["biceps", "brachi"],
+        "elbow",
+        ends_on("radius", [0.1, 0.2]),
+    ),
+    (&["brachialis"], "elbow", ends_on("ulna", [0.0, 1.0])),
+    (&["biceps", "femor"], "knee", ends_on("fibula", [0.0, 1.0])),
 ];
 
-/// The bone on which a muscle ends that crosses a joint, by their names.
-pub fn insertion(muscle: &str, joint: &str) -> Option<&'static str> {
+/// Where a muscle ends that crosses a joint, by their names.
+pub fn insertion(muscle: &str, joint: &str) -> Option<KnownInsertion> {
     let has = beginnings(muscle);
-    let of = |row: &&(&[&str], &str, &str)| row.1 == joint && has(row.0);
+    let of = |row: &&(&[&str], &str, KnownInsertion)| row.1 == joint && has(row.0);
     INSERTIONS.iter().find(of).map(|row| row.2)
 }
 
@@ -361,7 +379,8 @@ mod tests {
             ("Rectus_femoris", "knee", None),
             ("biceps", "elbow", None),
         ] {
-            assert_eq!(insertion(muscle, joint), bone, "{muscle} {joint}");
+            let found = insertion(muscle, joint).map(|found| found.bone);
+            assert_eq!(found, bone, "{muscle} {joint}");
         }
     }
 

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Rotation3, Vector3};
 use super::attachments::{FarEnd, NEAR_MM};
 use super::joint::Joint;
 use super::mending;
-use pliant::contact::{Obstacle, Surface};
+use pliant::contact::{Obstacle, Projection, Surface};
 use pliant::mesh::{Finding, FindingKind, Health, TriangleMesh, lengthened, rim_pose, stump};
 
 /// Radius of a tendon, in edges of the muscle after remeshing: the thinnest that they can follow. A real one
@@ -78,6 +78,14 @@ pub struct Tendon {
     pub course: Course,
 }
 
+/// Where a tendon ends: on a bone, or on a part of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    pub bone: usize,
+    /// Its triangles, ascending; `None` for all.
+    pub part: Option<&'a [u32]>,
+}
+
 /// What a tendon keeps clear of.
 pub struct Around<'a> {
     pub bones: &'a [Surface],
@@ -104,19 +112,32 @@ impl Around<'_> {
         at
     }
 
+    /// The point of a target that is nearest to another one.
+    fn closest(&self, at: &Point3<f64>, target: Target<'_>) -> Option<Projection> {
+        let surface = &self.bones[target.bone];
+        match target.part {
+            None => surface.closest(at),
+            Some(part) => {
+                let likely = *part.first()?;
+                let found = surface.nearest_among(at, part, likely, surface.positions())?;
+                Some(found.closest)
+            }
+        }
+    }
+
     /// The shortest course from a point to a bone that keeps clear of everything. The point after the first
     /// leads out of the muscle. `None` if there is none in reach.
     fn course(
         &self,
         from: Point3<f64>,
         lead: Vector3<f64>,
-        bone: usize,
+        target: Target<'_>,
         radius: f64,
     ) -> Option<Course> {
         let clear = radius + GAP;
         let first = self.kept_clear(from + lead, clear);
         let onto = |at: &Point3<f64>| {
-            let closest = self.bones[bone].closest(at)?;
+            let closest = self.closest(at, target)?;
             Some(closest.point + closest.normal * clear)
         };
         let last = onto(&first)?;
@@ -141,7 +162,7 @@ impl Around<'_> {
             between.flat_map(|at| self.bones.iter().filter_map(move |bone| bone.closest(&at)));
         let is_clear = clearances.map(|c| c.distance).all(|d| d >= NEARER * clear);
         // It meets the bone with a foot.
-        let foot = self.bones[bone].closest(&points[count])?;
+        let foot = self.closest(&points[count], target)?;
         points.push(foot.point + foot.normal * (FOOT * radius));
         points.insert(0, from);
         let course = Course { points, radius };
@@ -151,7 +172,12 @@ impl Around<'_> {
 
     /// The muscle with a tendon from an end to a bone; `None` if the end cannot be cut with one rim, if there
     /// is no course, or if the surface would cross itself.
-    pub fn lengthened(&self, muscle: &TriangleMesh, far: &FarEnd, bone: usize) -> Option<Tendon> {
+    pub fn lengthened(
+        &self,
+        muscle: &TriangleMesh,
+        far: &FarEnd,
+        target: Target<'_>,
+    ) -> Option<Tendon> {
         let radius = RADIUS * mending::edge_of(muscle);
         let heights: Vec<f64> = muscle
             .vertices
@@ -165,11 +191,11 @@ impl Around<'_> {
             let heights: Vec<f64> = heights.iter().map(|h| h - from).collect();
             let (part, rim) = stump(muscle, &heights)?;
             let (middle, out) = rim_pose(&part, &rim)?;
-            let course = self.course(middle, *out * radius, bone, radius)?;
+            let course = self.course(middle, *out * radius, target, radius)?;
             let (mut mesh, end) = lengthened(&part, &rim, &course.points, radius)?;
             for v in &mut mesh.vertices[part.vertices.len()..] {
                 for (b, surface) in self.bones.iter().enumerate() {
-                    let apart = match b == bone {
+                    let apart = match b == target.bone {
                         true => AT_BONE,
                         false => 1e-3 * NEAR_MM + REMESHED,
                     };
@@ -233,6 +259,11 @@ mod tests {
     use super::*;
     use pliant::mesh::shapes::{box_surface, icosphere};
 
+    const WHOLE: Target<'_> = Target {
+        bone: 1,
+        part: None,
+    };
+
     /// A ball of 3 cm, a plate below it, and beside it a muscle of 20 cm whose lower end is above the ball.
     fn knee() -> ([Surface; 2], TriangleMesh) {
         let mut plate = box_surface([0.2, 0.2, 0.02], 0.02);
@@ -255,7 +286,7 @@ mod tests {
         };
         let (from, radius) = (Point3::new(0.015, 0.0, 0.06), 0.002);
         let course = around
-            .course(from, Vector3::zeros(), 1, radius)
+            .course(from, Vector3::zeros(), WHOLE, radius)
             .expect("a course");
         // A tangent to the ball, an arc to its side, and straight down.
         let clear = radius + GAP;
@@ -272,12 +303,29 @@ mod tests {
         };
         let start = from + Vector3::y() * 0.006;
         let second = both
-            .course(start, Vector3::zeros(), 1, radius)
+            .course(start, Vector3::zeros(), WHOLE, radius)
             .expect("a course");
         for at in &second.points[1..] {
             let away = course.nearest(at).expect("points").1;
             assert!(away >= NEARER * (2.0 * radius + GAP), "{away}");
         }
+        // It ends on the part of the plate that is asked, here beyond 4 cm to the side.
+        let plate = &bones[1];
+        let is_aside = |t: &[u32; 3]| t.iter().all(|&v| plate.positions()[v as usize].y >= 0.04);
+        let part: Vec<u32> = (0..)
+            .zip(plate.triangles())
+            .filter(|(_, t)| is_aside(t))
+            .map(|(k, _)| k)
+            .collect();
+        let aside = Target {
+            part: Some(&part),
+            ..WHOLE
+        };
+        let to_the_side = around_of(&bones)
+            .course(from, Vector3::zeros(), aside, radius)
+            .expect("a course");
+        let end = |course: &Course| course.points[course.points.len() - 1].y;
+        assert!(end(&to_the_side) >= 0.0399 && end(&course) < 0.01);
         // Controls: a straight line would lie in the ball, and there is no way to a bone behind a wall.
         let straight = from + Vector3::new(0.0, 0.0, -0.04);
         assert!(bones[0].closest(&straight).expect("a ball").distance < 0.0);
@@ -288,7 +336,7 @@ mod tests {
             bones: &walled,
             ..around_of(&[])
         };
-        assert!(none.course(from, Vector3::zeros(), 1, radius).is_none());
+        assert!(none.course(from, Vector3::zeros(), WHOLE, radius).is_none());
     }
 
     fn around_of(bones: &[Surface]) -> Around<'_> {
@@ -311,7 +359,7 @@ mod tests {
             lacks_tendon: false,
         };
         let with = around_of(&bones)
-            .lengthened(&muscle, &far, 1)
+            .lengthened(&muscle, &far, WHOLE)
             .expect("a tendon");
         let health = Health::of(&with.mesh);
         assert!(health.is_fit() && crossings(&health) == 0);
@@ -339,6 +387,6 @@ mod tests {
             outward: Vector3::z(),
             ..far
         };
-        assert!(around_of(&bones).lengthened(&muscle, &far, 1).is_none());
+        assert!(around_of(&bones).lengthened(&muscle, &far, WHOLE).is_none());
     }
 }
