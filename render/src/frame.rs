@@ -171,7 +171,7 @@ impl Frame {
         let span = |at: f64| (at - reach).floor() as i64..=(at + reach).ceil() as i64;
         for y in span(row) {
             for x in span(column) {
-                let away = (x as f64 - column).hypot(y as f64 - row) - radius;
+                let away = libm::hypot(x as f64 - column, y as f64 - row) - radius;
                 // A pixel is covered by as much of its width as lies on the line.
                 let covered = |half: f64| (half + 0.5 - away.abs()).clamp(0.0, 1.0) as f32;
                 self.blend(x, y, [1.0; 3], covered(3.0));

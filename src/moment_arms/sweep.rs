@@ -113,7 +113,11 @@ impl Sweep {
             );
         }
         Ok((0..=count)
-            .map(|k| from + (to - from) * (k as f64 / count as f64))
+            // The last one has no rounding: a path can end there.
+            .map(|k| match k == count {
+                true => to,
+                false => from + (to - from) * (k as f64 / count as f64),
+            })
             .collect())
     }
 }
@@ -264,7 +268,7 @@ impl SweepRun {
         let step = (sweep.to - sweep.from) / (angles.len() - 1) as f64;
         let frames = sweep.frames.max(1) as usize;
         let joints = motion::moved(&scene, (&joint, &turning), &angles)?;
-        let course = Course::of_joint(&joints, &angles, step, frames);
+        let course = Course::of_joint(&joints, turning, (&angles, step), frames);
         let fibres = (sweep.fibres, sweep.by);
         let (simulation, muscles, left_out) = started(scene, &sweep.joint, &course, fibres)?;
         Ok(Self::begin(
@@ -415,13 +419,13 @@ fn started(
     (fibres, by): (harmonic::HarmonicOptions, MuscleStepper),
 ) -> Result<(Simulation, Vec<CrossingMuscle>, Vec<String>), SweepError> {
     course.write(&mut scene);
-    let crosses = |m: usize, moves: &[bool]| {
+    let crosses = |m: usize, beyond: &[bool]| {
         let attachments = &scene.muscles[m].attachments;
-        attachments.iter().any(|a| moves[a.bone]) && attachments.iter().any(|a| !moves[a.bone])
+        attachments.iter().any(|a| beyond[a.bone]) && attachments.iter().any(|a| !beyond[a.bone])
     };
     // The first joint that each muscle crosses.
     let crossed: Vec<Option<usize>> = (0..scene.muscles.len())
-        .map(|m| course.moves.iter().position(|moves| crosses(m, moves)))
+        .map(|m| course.beyond.iter().position(|beyond| crosses(m, beyond)))
         .collect();
     if crossed.iter().all(Option::is_none) {
         return Err(SweepError::NothingCrosses(joint.to_owned()));
@@ -448,7 +452,7 @@ fn started(
         .bodies
         .retain(|_| keep.next().is_some_and(Option::is_some));
     let over = simulation.bodies.iter().zip(crossed.iter().flatten());
-    let muscles = over.map(|(body, joint)| cross(body, &course.moves[*joint], fibres));
+    let muscles = over.map(|(body, joint)| cross(body, &course.beyond[*joint], fibres));
     let mut muscles = muscles.collect::<Result<Vec<_>, _>>()?;
     if by == MuscleStepper::Spread {
         let placed = simulation.placed().to_vec();

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
+use super::twist::Twist;
 use super::{Joint, Scene, SceneError, Surroundings, parse_with};
 use crate::mesh::TriangleMesh;
 
@@ -90,6 +91,25 @@ impl SceneBuilder {
             format!("{{ frame = {frame:?}, angle = \"{angle:?} rad\" }}")
         };
         let _ = writeln!(self.text, "keys = [{}]", listed(keys.iter().map(key)));
+        let path = joint.path.iter().map(|key| {
+            // A turn about the centre, and then a translation.
+            let turn = Twist::of(&key.pose).turn;
+            let moved = key.pose.translation.vector + key.pose.rotation * joint.centre.coords
+                - joint.centre.coords;
+            let angle = turn.norm();
+            let axis = if angle > 0.0 { turn } else { joint.axis.into_inner() };
+            let axis = axis.map(|c| format!("{c:?}"));
+            let moved = moved.map(|c| format!("\"{c:?} m\""));
+            format!(
+                "{{ at = \"{:?} rad\", angle = \"{angle:?} rad\", axis = [{}], translation = [{}] }}",
+                key.frame,
+                listed(axis.iter()),
+                listed(moved.iter())
+            )
+        });
+        if !joint.path.is_empty() {
+            let _ = writeln!(self.text, "path = [{}]", listed(path));
+        }
         self
     }
 

@@ -255,7 +255,8 @@ impl SceneProblem {
             Self::Syntax { .. } => "write the scene as TOML, see https://toml.io".to_owned(),
             Self::Quantity(error) => error.help(),
             Self::KeysOutOfOrder { what, .. } => {
-                format!("sort the keys by {what}, each {what} once")
+                let of = what.split(" [").next().unwrap_or(what);
+                format!("sort the keys by {of}, each {of} once")
             }
             Self::MissingFile { hint, .. } => (*hint).to_owned(),
             Self::OutsideFolder { .. } => {

@@ -211,6 +211,11 @@ impl Joint {
         motion::along(self, angle)
     }
 
+    /// The angle of the joint \[rad\] at which the bone has a pose: in -pi..pi, or on its path.
+    pub fn angle_of(&self, pose: &Isometry3<f64>) -> f64 {
+        motion::angle_of(self, pose)
+    }
+
     /// The least and the greatest angle of its path \[rad\]; `None` without a path.
     pub fn path_range(&self) -> Option<[f64; 2]> {
         Some([self.path.first()?.frame, self.path.last()?.frame])

@@ -11,6 +11,7 @@ use super::reader::{Limit, Section};
 use super::twist::{Twist, smooth_step};
 use super::units::Dimension;
 use super::{Joint, Key, Motion};
+use crate::mesh::measures::max_or_nan;
 use crate::opensim::Spline;
 use crate::rigid::{screw_part, turned};
 
@@ -19,10 +20,14 @@ use crate::rigid::{screw_part, turned};
 const LARGEST_TURN: f64 = 2.0;
 /// Greatest relative angle between two keys about different axes \[rad\], below the half turn.
 const CLEAR_TURN: f64 = 3.0;
-/// Number of poses in a frame of a bone on a path, and greatest number of frames between two keys that have
-/// as many.
+/// Number of poses in a frame of a bone on a path, and greatest number of frames that have as many.
 const POSES: f64 = 8.0;
 const MOST_FRAMES: f64 = 10_000.0;
+/// Least angle between two poses of a path \[rad\].
+const CLOSEST: f64 = 1e-6;
+/// Number of parts of a path in which an angle is looked for, and of thirds that follow.
+const LOOKED_AT: f64 = 200.0;
+const THIRDS: usize = 60;
 /// Greatest angle of a key \[rad\]; bounds the number of inserted keys.
 const LARGEST_ANGLE: f64 = 1000.0;
 
@@ -88,41 +93,102 @@ impl Motion {
     }
 }
 
-/// The pose at an angle of a joint on its path: turn and translation follow cubic splines, with the last
-/// piece like its neighbour at both ends. At a key the pose has the bits of the key.
-pub(super) fn along(joint: &Joint, angle: f64) -> Isometry3<f64> {
-    let path = &joint.path;
-    let ends = (path.first(), path.last());
-    let (Some(first), Some(last)) = ends else {
-        return Isometry3::identity();
-    };
-    let angle = angle.max(first.frame).min(last.frame);
-    if let Some(key) = path.iter().find(|key| key.frame == angle) {
-        return key.pose;
+/// The path of a joint as cubic splines of turn and translation, with the last piece like its neighbour at
+/// both ends.
+struct Glide<'a> {
+    path: &'a [Key],
+    centre: Vector3<f64>,
+    /// Of the turn, as a vector, and of the translation after it.
+    parts: [Spline; 6],
+}
+
+impl<'a> Glide<'a> {
+    /// `None` without a path.
+    fn new(joint: &'a Joint) -> Option<Self> {
+        let (path, centre) = (&joint.path, joint.centre.coords);
+        if path.len() < 2 {
+            return None;
+        }
+        let of_key = |key: &Key| {
+            let turn = Twist::of(&key.pose).turn;
+            // The translation after a turn about the centre.
+            let moved = key.pose.translation.vector + key.pose.rotation * centre - centre;
+            [turn.x, turn.y, turn.z, moved.x, moved.y, moved.z]
+        };
+        let all: Vec<[f64; 6]> = path.iter().map(of_key).collect();
+        let part = |k: usize| {
+            let each = path.iter().zip(&all);
+            let points: Vec<[f64; 2]> = each.map(|(key, of)| [key.frame, of[k]]).collect();
+            Spline::new(&points)
+        };
+        Some(Self {
+            path,
+            centre,
+            parts: std::array::from_fn(part),
+        })
     }
-    let centre = joint.centre.coords;
-    let of_key = |key: &Key| {
-        let turn = Twist::of(&key.pose).turn;
-        // The translation after a turn about the centre.
-        let moved = key.pose.translation.vector + key.pose.rotation * centre - centre;
-        [turn.x, turn.y, turn.z, moved.x, moved.y, moved.z]
+
+    /// The pose at an angle of the joint; at a key it has the bits of the key.
+    fn at(&self, angle: f64) -> Isometry3<f64> {
+        let (first, last) = (&self.path[0], &self.path[self.path.len() - 1]);
+        let angle = angle.max(first.frame).min(last.frame);
+        let next = self.path.partition_point(|key| key.frame < angle);
+        if let Some(key) = self.path.get(next).filter(|key| key.frame == angle) {
+            return key.pose;
+        }
+        let at = |part: usize| self.parts[part].at(angle);
+        let turn = Vector3::new(at(0), at(1), at(2));
+        let moved = Vector3::new(at(3), at(4), at(5));
+        let turned = match Unit::try_new_and_get(turn, 0.0) {
+            Some((axis, angle)) => turned(&axis, angle, &self.centre),
+            None => Isometry3::identity(),
+        };
+        Isometry3::from_parts(
+            Translation3::from(turned.translation.vector + moved),
+            turned.rotation,
+        )
+    }
+}
+
+/// The pose at an angle of a joint on its path.
+pub(super) fn along(joint: &Joint, angle: f64) -> Isometry3<f64> {
+    Glide::new(joint).map_or_else(Isometry3::identity, |glide| glide.at(angle))
+}
+
+/// The angle \[rad\] at which a joint has a pose: of its turn about the axis, or that of the nearest pose on its path.
+pub(super) fn angle_of(joint: &Joint, pose: &Isometry3<f64>) -> f64 {
+    let about_axis = |pose: &Isometry3<f64>| {
+        let q = pose.rotation;
+        // The quaternion of the shorter rotation.
+        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+        2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w)
     };
-    let all: Vec<[f64; 6]> = path.iter().map(of_key).collect();
-    let at = |part: usize| {
-        let each = path.iter().zip(&all);
-        let points: Vec<[f64; 2]> = each.map(|(key, of)| [key.frame, of[part]]).collect();
-        Spline::new(&points).at(angle)
+    let (Some(glide), Some([least, most])) = (Glide::new(joint), joint.path_range()) else {
+        return about_axis(pose);
     };
-    let turn = Vector3::new(at(0), at(1), at(2));
-    let moved = Vector3::new(at(3), at(4), at(5));
-    let turned = match Unit::try_new_and_get(turn, 0.0) {
-        Some((axis, angle)) => turned(&axis, angle, &centre),
-        None => Isometry3::identity(),
+    let moved = |key: &Key| (key.pose * joint.centre - joint.centre).norm();
+    let size = max_or_nan(joint.path.iter().map(moved));
+    let off = |angle: f64| {
+        let there = glide.at(angle);
+        let turned = (there.inverse() * pose).rotation.imag().norm();
+        let apart = (there * joint.centre - pose * joint.centre).norm();
+        turned + if size > 0.0 { apart / size } else { 0.0 }
     };
-    Isometry3::from_parts(
-        Translation3::from(turned.translation.vector + moved),
-        turned.rotation,
-    )
+    // The nearest of many angles, and then thirds of the range around it.
+    let step = (most - least) / LOOKED_AT;
+    let all = (0..=LOOKED_AT as usize).map(|k| least + step * k as f64);
+    let near = all.min_by(|a, b| off(*a).total_cmp(&off(*b)));
+    let near = near.unwrap_or(least);
+    let (mut from, mut to) = ((near - step).max(least), (near + step).min(most));
+    for _ in 0..THIRDS {
+        let [one, other] = [1.0, 2.0].map(|third| from + (to - from) * third / 3.0);
+        if off(one) <= off(other) {
+            to = other;
+        } else {
+            from = one;
+        }
+    }
+    0.5 * (from + to)
 }
 
 /// A key as written: rotation about an axis through the joint's centre, translation along the axis,
@@ -180,15 +246,17 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
         });
     };
     let (Some(joint), Some(axis)) = (joint, axis) else {
+        let missing = if centre.is_none() { "centre" } else { "axis" };
         return path.fail(SceneProblem::missing(
-            "centre",
+            missing,
             "`centre` and `axis` of the joint to the motion",
         ));
     };
     let steps = section.sections("path")?;
     if steps.len() < 2 {
-        return path.fail(SceneProblem::EmptyList {
-            expected: "poses at two angles at least".to_owned(),
+        return path.fail(SceneProblem::OutOfRange {
+            found: "a path of one pose".to_owned(),
+            allowed: "poses at two angles at least".to_owned(),
         });
     }
     let half = Limit::Within(-std::f64::consts::PI, std::f64::consts::PI);
@@ -196,8 +264,14 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
         key.need("at", "\"0 deg\"")?
             .quantity(Dimension::Angle, half)
     };
-    let (_, path) = read_keys(section, &steps, (centre, Some(axis)), ("at", &at))?;
-    let joint = Joint { path, ..joint };
+    let (poses, keys_of_path) = read_keys(section, &steps, (centre, Some(axis)), ("at", &at))?;
+    for (step, pose) in steps.iter().zip(&poses) {
+        within(step, pose.angle, half)?;
+    }
+    let joint = Joint {
+        path: keys_of_path,
+        ..joint
+    };
     let [least, most] = joint.path_range().unwrap_or_default();
     for (key, written) in sections.iter().zip(&written) {
         let other = [
@@ -211,43 +285,73 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
                 second: other.to_owned(),
             });
         }
-        key.quantity_or("angle", Dimension::Angle, Limit::Within(least, most), 0.0)?;
+        within(key, written.angle, Limit::Within(least, most))?;
     }
     let turning = Motion {
         keys,
         joint: None,
         linear,
     };
+    let keys = glide(&turning, &joint);
+    let is_finite = |key: &Key| key.pose.translation.vector.iter().all(|c| c.is_finite());
+    if !keys.iter().all(is_finite) {
+        return path.fail(SceneProblem::OutOfRange {
+            found: "a path whose poses are no numbers".to_owned(),
+            allowed: "poses that are nearer to each other".to_owned(),
+        });
+    }
     Ok(Motion {
-        keys: glide(&turning, &joint),
+        keys,
         joint: Some(joint),
         linear,
     })
 }
 
+/// Refuses an angle of a pose outside of a limit, also one that is not written.
+fn within(pose: &Section<'_>, angle: f64, limit: Limit) -> Result<(), SceneError> {
+    match pose.get("angle") {
+        Some(written) => written.quantity(Dimension::Angle, limit).map(|_| ()),
+        None if limit.allows(angle) => Ok(()),
+        None => pose.fail(SceneProblem::OutOfRange {
+            found: "a pose without `angle`, which is 0 rad,".to_owned(),
+            allowed: limit.describe("angle", "rad"),
+        }),
+    }
+}
+
 /// The poses on the path of a joint in the frames of a motion that turns it, and between them.
 fn glide(turning: &Motion, joint: &Joint) -> Vec<Key> {
-    let at = |frame: f64| {
-        let q = turning.pose(frame).rotation;
-        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-        let angle = 2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w);
-        Key {
-            frame,
-            pose: joint.pose(angle),
-        }
+    let Some(glide) = Glide::new(joint) else {
+        return Vec::new();
     };
+    let turns = Joint {
+        path: Vec::new(),
+        ..joint.clone()
+    };
+    let at = |frame: f64| Key {
+        frame,
+        pose: glide.at(angle_of(&turns, &turning.pose(frame))),
+    };
+    let spans = || {
+        turning
+            .keys
+            .windows(2)
+            .filter(|pair| pair[0].pose != pair[1].pose)
+    };
+    let moving: f64 = spans().map(|pair| pair[1].frame - pair[0].frame).sum();
+    let stride = (moving / MOST_FRAMES).ceil().max(1.0) / POSES;
     let mut keys = Vec::new();
     for pair in turning.keys.windows(2) {
         let (from, to) = (pair[0].frame, pair[1].frame);
         keys.push(at(from));
         if pair[0].pose != pair[1].pose {
-            let stride = ((to - from) / MOST_FRAMES).ceil().max(1.0) / POSES;
-            let mut frame = from.floor() + stride;
-            while frame < to {
+            let mut step = 1.0;
+            while from.floor() + step * stride < to {
+                let frame = from.floor() + step * stride;
                 if frame > from {
                     keys.push(at(frame));
                 }
-                frame += stride;
+                step += 1.0;
             }
         }
     }
@@ -273,12 +377,15 @@ fn read_keys(
             ));
         }
         if let Some(before) = all.last() {
-            if written.frame <= before.frame {
-                let what = if name == "at" { "angle [rad]" } else { name };
+            let (what, closest, unit) = match name {
+                "at" => ("angle [deg]", CLOSEST, 1.0_f64.to_degrees()),
+                _ => (name, 0.0, 1.0),
+            };
+            if !(written.frame > before.frame + closest) {
                 return key.need(name, "0")?.fail(SceneProblem::KeysOutOfOrder {
                     what,
-                    frame: written.frame,
-                    before: before.frame,
+                    frame: written.frame * unit,
+                    before: before.frame * unit,
                 });
             }
             between(before, &written, &point, key, &mut keys)?;

@@ -38,7 +38,7 @@ pub(super) struct Section<'a> {
 }
 
 impl Limit {
-    fn allows(self, value: f64) -> bool {
+    pub(super) fn allows(self, value: f64) -> bool {
         match self {
             Self::Any => value.is_finite(),
             Self::Positive => value.is_finite() && value > 0.0,
@@ -47,7 +47,7 @@ impl Limit {
         }
     }
 
-    fn describe(self, what: &str, unit: &str) -> String {
+    pub(super) fn describe(self, what: &str, unit: &str) -> String {
         match self {
             Self::Any => format!("a finite {what}"),
             Self::Positive => format!("{} greater than zero", with_article(what)),

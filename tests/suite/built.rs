@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use pliant::io::obj;
 use pliant::mesh::shapes::icosphere;
-use pliant::scene::{Joint, SceneBuilder, Surroundings, parse_with};
+use pliant::scene::{Joint, Key, SceneBuilder, Surroundings, parse_with};
 use pliant::testing::Scratch;
 use pliant::{Scene, Simulation, TriangleMesh, text_of};
 
@@ -64,6 +64,46 @@ fn meshes_in_memory_and_in_files_give_the_same_bits() {
                 [effects.stretch]\n[effects.volume]\n[effects.contact]\nthickness = '1 mm'\n";
     let read = parse_with(text, "ball.toml", &Surroundings::of(&folder)).expect("a scene");
     assert_eq!(frames(built), frames(read));
+}
+
+#[test]
+fn a_joint_with_a_path_keeps_it() {
+    let [bone, ball] = meshes();
+    let key = |frame: f64, angle: f64, x: f64| Key {
+        frame,
+        pose: Isometry3::translation(x, 0.0, 0.0)
+            * Isometry3::rotation_wrt_point(
+                UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle),
+                Point3::new(0.0, 0.3, 0.0),
+            ),
+    };
+    let joint = Joint {
+        path: vec![
+            key(-0.5, -0.2, 1e-3),
+            key(0.0, 0.0, 0.0),
+            key(1.0, 0.6, -2e-3),
+        ],
+        name: Some("glides".to_owned()),
+        centre: Point3::new(0.0, 0.3, 0.0),
+        axis: Vector3::z_axis(),
+    };
+    let scene = Scene::builder("glides", 4, 60.0)
+        .bone("bone", bone)
+        .turn(&joint, &[(0.0, 0.0), (4.0, 0.5)])
+        .muscle("ball", ball)
+        .attach("bone", 2e-3)
+        .set("effects.stretch", "on")
+        .build()
+        .expect("a scene");
+    let built = scene.bones[0].motion.joint.as_ref().expect("a joint");
+    for at in [-0.5, -0.1, 0.0, 0.4, 1.0] {
+        let off = built.pose(at).inverse() * joint.pose(at);
+        assert!(
+            off.translation.vector.norm() <= 1e-15 && off.rotation.angle() <= 1e-7,
+            "{at}"
+        );
+    }
+    assert_eq!(built.path_range(), joint.path_range());
 }
 
 #[test]

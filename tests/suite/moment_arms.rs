@@ -266,6 +266,32 @@ fn a_bone_on_a_path_moves_by_it() {
     let [whole, half] = [1.0, 0.5].map(|share| arm("glides", &glides(share)));
     assert!((whole / turns - 1.0).abs() <= 1e-9, "{whole} {turns}");
     assert!((half / turns - 0.5).abs() <= T22, "{half} {turns}");
+    // A third bone that turns as the second one: on a path that is the turn it changes nothing.
+    let third = |path: &'static str| {
+        move |text: String| {
+            let of_lower = text.find("[bone.motion]").map(|at| &text[at..]);
+            let of_lower = of_lower.and_then(|motion| motion.split("[[muscle]]").next());
+            let motion = of_lower.expect("a motion");
+            let bone = format!(
+                "[[bone]]\nname = \"third\"\nmesh = \"lower.obj\"\nunit = \"m\"\n{motion}{path}\n[[muscle]]"
+            );
+            let held = "[[muscle.attachment]]\nbone = \"third\"\nnear = \"8 mm\"\nlimit = \"5 %\"\n[effects.stretch]";
+            let text = text.replacen("[[muscle]]", &bone, 1);
+            text.replacen("[effects.stretch]", held, 1)
+        }
+    };
+    let keys = "path = [{ at = '-0.1 rad', angle = '-0.1 rad' }, { at = '0 rad' }, { at = '0.1 rad', angle = '0.1 rad' }]";
+    let [as_one, as_path] = ["", keys].map(|path| arm("third", &third(path)));
+    assert!((as_path / as_one - 1.0).abs() <= 1e-6, "{as_path} {as_one}");
+    // The pose of the file is where a sweep begins.
+    let shifted = |text: String| {
+        let path = "path = [{ at = '-1 rad', translation = ['1 mm', '0 m', '0 m'] }, \
+                    { at = '1 rad', translation = ['1 mm', '0 m', '0 m'] }]\n[[muscle]]";
+        text.replacen("[[muscle]]", path, 1)
+    };
+    let (_folder, shifted) = scene("shifted", shifted);
+    let refused = SweepRun::new(shifted, &sweep(0.0, 0.1)).err();
+    assert!(refused.is_some_and(|why| why.to_string().contains("another pose at 0 deg")));
     let (_folder, short) = scene("short-path", glides(1.0));
     let refused = SweepRun::new(short, &sweep(0.0, 0.2))
         .err()

@@ -724,6 +724,14 @@ fn a_bone_glides_on_a_path_as_its_joint_turns() {
         let [before, after] = [-1e-6, 1e-6].map(|step| speed(at, step));
         assert!((before - after).abs() <= 1e-5, "{at}: {before} {after}");
     }
+    // The angle of the joint is found again from a pose.
+    for at in [-0.8, 0.0, 0.31, 1.7] {
+        let found = joint.angle_of(&joint.pose(at));
+        assert!((found - at).abs() <= 1e-6, "{at}: {found}");
+        let turned = turns.joint.as_ref().expect("a joint");
+        let found = turned.angle_of(&turned.pose(at));
+        assert!((found - at).abs() <= 1e-15, "{at}: {found}");
+    }
     // A cubic through four poses is followed to its end, which is no rest.
     for at in [-0.9, 0.2, 1.3, 1.999] {
         let off = height(at) - 1e-3 * at * at * at;

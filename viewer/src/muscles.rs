@@ -15,7 +15,7 @@ use super::snapshot::{Shot, Stage, Steering};
 use super::subject::{Advanced, Subject, Watch};
 use pliant::scene::{Key, Motion, Scene};
 use pliant::simulation::{Assets, Plan, Simulation};
-use shots::{angle, seconds};
+use shots::seconds;
 
 /// Greatest rotation of a bone by hand per frame [rad]: about three times the speed of the built-in
 /// hip. Bones that jump tear muscles.
@@ -238,7 +238,7 @@ impl Muscles {
         match &mut self.hands[bone] {
             Some(hand) => hand.target = target,
             none => {
-                let angle = angle(joint, &pose);
+                let angle = joint.angle_of(&pose);
                 *none = Some(Hand {
                     angle,
                     target,
@@ -356,7 +356,7 @@ impl Subject for Muscles {
                     .motion
                     .joint
                     .as_ref()
-                    .map_or(0.0, |joint| angle(joint, &pose));
+                    .map_or(0.0, |joint| joint.angle_of(&pose));
                 return self.turn(*bone, now);
             }
             Command::ByMotion { bone } => {

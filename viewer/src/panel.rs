@@ -566,9 +566,12 @@ impl List {
 
     /// A bone that can be rotated; a window displays the angle of the last snapshot.
     fn bone(&mut self, b: usize, bone: &BoneSpec) {
-        if bone.motion.joint.is_none() {
+        let Some(joint) = &bone.motion.joint else {
             return;
-        }
+        };
+        let [least, most] = joint
+            .path_range()
+            .map_or([-120.0, 120.0], |range| range.map(f64::to_degrees));
         let group = format!("bone {}", bone.name);
         self.other(
             &group,
@@ -582,7 +585,7 @@ impl List {
             "angle",
             Target::Angle(b),
             0.0,
-            Shown::even("deg", -120.0, 120.0),
+            Shown::even("deg", least, most),
         );
     }
 }

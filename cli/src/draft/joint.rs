@@ -144,6 +144,31 @@ impl Joint {
     }
 }
 
+impl Joint {
+    /// The path of a patella, with points that it carries [m]; `None` where the shapes tell none. `mesh` gives
+    /// that of each bone, `resting` is the surface of the femur.
+    pub fn glide<'a>(
+        &self,
+        patella: usize,
+        mesh: &dyn Fn(usize) -> &'a TriangleMesh,
+        resting: &Surface,
+        carried: &[Point3<f64>],
+    ) -> Option<(usize, Path)> {
+        let [femur, tibia] = self.between.map(mesh);
+        let knee = Knee {
+            femur,
+            surface: resting,
+            tibia,
+            patella: mesh(patella),
+            carried,
+            centre: self.fit.centre,
+            axis: self.axis,
+            up: self.up,
+        };
+        Some((patella, knee.path()?))
+    }
+}
+
 /// Why no joint was found.
 #[derive(Debug, thiserror::Error)]
 pub enum NoJoint {
@@ -260,20 +285,8 @@ impl KnownJoint {
         let patellae = turns
             .iter()
             .filter(|&&b| is_knee && bones[b].is(&["patella"]));
-        let glide = |&b: &usize| {
-            let knee = Knee {
-                femur: bones[rests].mesh,
-                surface: bones[rests].surface,
-                tibia: bones[between[1]].mesh,
-                patella: bones[b].mesh,
-                centre: fit.centre,
-                axis,
-                up,
-            };
-            Some((b, knee.path()?))
-        };
-        let glides = patellae.filter_map(glide).collect();
-        Ok(Joint {
+        let patellae: Vec<usize> = patellae.copied().collect();
+        let mut joint = Joint {
             known: self,
             between,
             turns,
@@ -281,8 +294,13 @@ impl KnownJoint {
             axis,
             sense,
             up,
-            glides,
-        })
+            glides: Vec::new(),
+        };
+        let mesh = |b: usize| bones[b].mesh;
+        let glide = |&b: &usize| joint.glide(b, &mesh, bones[rests].surface, &[]);
+        let glides = patellae.iter().filter_map(glide).collect();
+        joint.glides = glides;
+        Ok(joint)
     }
 
     /// Whether the joint between two bones turns a bone.

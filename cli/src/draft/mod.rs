@@ -125,6 +125,7 @@ impl Draft {
             .collect();
         self.add_tendons(&mut held, (&meshes, &simulated), &bones);
         self.draw_patches(&mut held, &simulated);
+        self.keep_tendons_clear(&held, assets, &bones);
         // Contact is no more exact than the edges of the muscles.
         let mut shortest = f64::INFINITY;
         for ((muscle, mesh), held) in self.muscles.iter_mut().zip(&meshes).zip(&held) {
@@ -139,6 +140,26 @@ impl Draft {
             bone.remesh(mesh, coarser(mesh, shortest));
         }
         self.held = held;
+    }
+
+    /// Finds the path of a patella anew, so that the ends of tendons on it keep clear of the femur.
+    fn keep_tendons_clear(&mut self, held: &[Held], assets: &Assets, bones: &[Surface]) {
+        let Some(joint) = &mut self.joint else { return };
+        let mesh = |b: usize| &assets.bones[b];
+        let mut glides = Vec::new();
+        for (b, before) in &joint.glides {
+            let all = held
+                .iter()
+                .flat_map(|h| h.attachments.iter().zip(&h.patches));
+            let patches = all.filter(|(a, _)| a.bone == *b);
+            let patches = patches.filter_map(|(_, patch)| patch.as_ref());
+            let carried: Vec<_> = patches
+                .flat_map(|(_, mesh)| mesh.vertices.clone())
+                .collect();
+            let found = joint.glide(*b, &mesh, &bones[joint.between[0]], &carried);
+            glides.push(found.unwrap_or_else(|| (*b, before.clone())));
+        }
+        joint.glides = glides;
     }
 
     fn attach(&self, muscle: &Body, mesh: &TriangleMesh, bones: &[Surface]) -> Held {
@@ -538,7 +559,9 @@ fn held_at_rest(
         .flat_map(|&t| mesh.triangles[t as usize])
         .collect();
     let held: Vec<_> = held.iter().map(|&v| mesh.vertices[v as usize]).collect();
-    if tendon::is_carried_into(&held, joint, bones)
+    // What glides is not carried like a part of the bones that turn.
+    if !joint.glides.iter().any(|(b, _)| *b == attachment.bone)
+        && tendon::is_carried_into(&held, joint, bones)
         && let Some((bone, away)) = tendon::nearest_at_rest(&far.middle, joint, bones)
     {
         attachment.bone = bone;

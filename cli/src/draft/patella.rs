@@ -5,7 +5,9 @@
 //! At each angle it lies where the quadriceps is shortest, without friction. This is the planar model of
 //! \[vaneijden1986\] with the shapes of the bones in place of curves, and an elastic layer for cartilage.
 
-use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Matrix3, Point3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3,
+};
 
 use pliant::contact::Surface;
 use pliant::mesh::TriangleMesh;
@@ -30,6 +32,20 @@ const SOFT: f64 = 1.5e-3;
 
 /// Rounds in which the thickness of the cartilage follows from the distance of the bones.
 const LAYERS: usize = 2;
+
+/// Distance that ends of tendons keep from the femur, relative to the size of the patella, unless they are
+/// nearer in the files: 1.5 mm.
+const CLEAR: f64 = 0.035;
+
+/// How often the patella is pushed forwards until it is clear, and how far at most, relative to its size:
+/// 4 mm. A push that slides along the femur goes no farther than this many times its depth.
+const PUSHES: usize = 8;
+const FARTHEST: f64 = 0.1;
+const STEEPEST: f64 = 0.3;
+
+/// Force that holds the patella to the femur where the quadriceps does not, relative to that of the
+/// quadriceps: that of its retinacula.
+const HELD: f64 = 0.1;
 
 /// Standard deviation of the weights of the mean over neighbouring angles [deg]: cartilage is smooth where the
 /// bones below it are not.
@@ -70,6 +86,9 @@ const JUMP: f64 = 0.2;
 
 const ROUNDS: usize = 100;
 
+/// Greatest last step of a search that has ended, relative to the size of the patella.
+const NEARLY: f64 = 1e-3;
+
 /// Greatest depth of a point in the femur that is felt, relative to the size of the patella.
 const DEEPEST: f64 = 0.2;
 
@@ -79,6 +98,8 @@ pub struct Knee<'a> {
     pub surface: &'a Surface,
     pub tibia: &'a TriangleMesh,
     pub patella: &'a TriangleMesh,
+    /// Points that the patella carries, such as the ends of tendons [m].
+    pub carried: &'a [Point3<f64>],
     /// Centre [m] and axis; a positive angle bends the knee.
     pub centre: Point3<f64>,
     pub axis: Unit<Vector3<f64>>,
@@ -108,7 +129,10 @@ type Place = Vector3<f64>;
 /// What holds a patella.
 struct Model<'a> {
     femur: &'a Surface,
+    /// Points of the back of the patella, which keep the distance `gap`.
     points: Vec<Point3<f64>>,
+    /// Points that it carries, each with its least distance from the femur [m].
+    carried: Vec<(Point3<f64>, f64)>,
     middle: Point3<f64>,
     axis: Unit<Vector3<f64>>,
     /// Forwards and up.
@@ -136,7 +160,7 @@ impl Knee<'_> {
             let least = all.iter().map(|(_, place)| model.least_gap(place));
             let least = least.min_by(f64::total_cmp)?;
             // Nowhere are the bones nearer to each other than in the files.
-            model.gap += gap - least;
+            model.gap = (model.gap + gap - least).clamp(gap, gap + CARTILAGE * model.size);
             all = model.walk()?;
         }
         let rest = all.iter().find(|(at, _)| *at == 0)?.1;
@@ -186,9 +210,15 @@ impl Knee<'_> {
         if !(size > 0.0 && ahead > 0.0 && points.len() >= FEWEST) {
             return None;
         }
+        let carried = self.carried.iter().map(|p| {
+            let near = self.surface.nearest(p, CLEAR * size);
+            let least = near.map_or(CLEAR * size, |found| found.closest.distance);
+            (*p, least.clamp(0.0, CLEAR * size))
+        });
         let mut model = Model {
             femur: self.surface,
             points,
+            carried: carried.collect(),
             middle,
             axis: self.axis,
             plane: [front, up],
@@ -234,6 +264,12 @@ fn smooth(all: &[(i32, Place)]) -> Vec<(i32, Place)> {
         .collect()
 }
 
+/// The turn about an axis by an angle [rad]; the functions of libm give the same bits on every system.
+fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
+    let (sine, cosine) = libm::sincos(0.5 * angle);
+    UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))
+}
+
 /// The mean of the points that are farthest in a direction.
 fn tip(points: &[Point3<f64>], direction: &Vector3<f64>) -> Option<Point3<f64>> {
     let along = |p: &Point3<f64>| p.coords.dot(direction);
@@ -277,7 +313,34 @@ impl Model<'_> {
         }
         let back = back.into_iter().rev();
         let all: Vec<(i32, Place)> = back.chain(forth.into_iter().skip(1)).collect();
-        Some(smooth(&all))
+        let mut all = smooth(&all);
+        // Forwards alone: a tendon that is as thick as a mesh draws it does not turn the patella.
+        let ahead: Vec<(i32, Place)> = all
+            .iter()
+            .map(|(at, place)| (*at, Place::x() * self.ahead(place)))
+            .collect();
+        let rest = ahead.iter().find(|(at, _)| *at == 0)?.1;
+        for ((_, place), (_, ahead)) in all.iter_mut().zip(smooth(&ahead)) {
+            *place += ahead - rest;
+        }
+        Some(all)
+    }
+
+    /// How far forwards the patella keeps clear of the femur with what it carries [m].
+    fn ahead(&self, place: &Place) -> f64 {
+        let mut ahead = 0.0_f64;
+        for _ in 0..PUSHES {
+            let pose = self.pose(&(place + Place::x() * ahead));
+            let missing = self.carried.iter().filter_map(|(point, clear)| {
+                let reach = clear + DEEPEST * self.size;
+                let found = self.femur.nearest(&(pose * point), reach)?.closest;
+                let forwards = found.normal.dot(&self.plane[0]).max(STEEPEST);
+                Some((clear - found.distance) / forwards)
+            });
+            let most = missing.fold(0.0_f64, |most, by| if by > most { by } else { most });
+            ahead = (ahead + most).min(FARTHEST * self.size);
+        }
+        ahead
     }
 
     /// The least distance of the patella from the femur [m].
@@ -292,7 +355,7 @@ impl Model<'_> {
     }
 
     fn pose(&self, place: &Place) -> Isometry3<f64> {
-        let turn = UnitQuaternion::from_axis_angle(&self.axis, place.z / self.size);
+        let turn = turn(&self.axis, place.z / self.size);
         let [front, up] = self.plane;
         let moved = front * place.x + up * place.y;
         let about = self.middle.coords - turn * self.middle.coords;
@@ -301,10 +364,11 @@ impl Model<'_> {
 
     /// Where the patella lies at an angle of the knee [rad], from a place nearby.
     fn lies(&self, from: &Place, angle: f64) -> Option<Place> {
-        let turn = UnitQuaternion::from_axis_angle(&self.axis, angle);
-        let end = self.centre + turn * (self.tuberosity - self.centre);
+        let by = turn(&self.axis, angle);
+        let end = self.centre + by * (self.tuberosity - self.centre);
         let (mut place, mut damping) = (*from, 1e-3);
         let (mut energy, mut slope, mut curve) = self.energy(&place, &end);
+        let mut last = f64::INFINITY;
         for _ in 0..ROUNDS {
             let damped = curve + Matrix3::from_diagonal_element(damping / self.size);
             let step = -damped.try_inverse()? * slope;
@@ -314,7 +378,8 @@ impl Model<'_> {
                 place += step;
                 (energy, slope, curve) = next;
                 damping = (damping * 0.2).max(1e-6);
-                if step.norm() <= 1e-6 * self.size {
+                last = step.norm();
+                if last <= 1e-6 * self.size {
                     return Some(place);
                 }
             } else {
@@ -324,7 +389,8 @@ impl Model<'_> {
                 return None;
             }
         }
-        Some(place)
+        // On a kink of the shapes steps end small, but not at once.
+        (last <= NEARLY * self.size).then_some(place)
     }
 
     /// The length of the quadriceps [m] with the springs of ligament and contact, and both derivatives.
@@ -349,6 +415,8 @@ impl Model<'_> {
         let mut energy = length;
         let mut slope = along(&base, &(pull / length));
         let mut curve = Matrix3::identity() / self.size * 1e-3;
+        energy += HELD * place.x;
+        slope.x += HELD;
         let apex = pose * self.apex;
         let stretched = apex - end;
         let over = stretched.norm() - self.ligament;
@@ -419,6 +487,7 @@ mod tests {
                 surface,
                 tibia: &self.tibia,
                 patella: &self.patella,
+                carried: &[],
                 centre: self.into * Point3::origin(),
                 axis: turned(-Vector3::z()),
                 up: turned(Vector3::y()),
@@ -486,6 +555,31 @@ mod tests {
             path.keys.windows(2).all(grows),
             "the patella bends with the knee"
         );
+    }
+
+    #[test]
+    fn what_the_patella_carries_stays_out_of_the_femur() {
+        let bones = bones(Similarity3::identity());
+        let surface = Surface::new(&bones.femur);
+        let knee = bones.knee(&surface);
+        // The end of a tendon behind the upper rim of the patella.
+        let end: Vec<Point3<f64>> = (0..5)
+            .map(|k| Point3::new(0.032, 0.022, 0.002 * f64::from(k) - 0.004))
+            .collect();
+        let least = |path: &Path| {
+            let gaps = path.keys.iter().map(|key| {
+                let there = posed(&knee, key, &end);
+                least_gap(&surface, &there)
+            });
+            gaps.min_by(f64::total_cmp).expect("a key")
+        };
+        let with = Knee {
+            carried: &end,
+            ..bones.knee(&surface)
+        };
+        let [without, with] = [knee.path(), with.path()].map(|path| path.expect("a path"));
+        assert!(least(&with) >= 0.0, "{}", least(&with));
+        assert!(least(&without) < -5e-4, "control: {}", least(&without));
     }
 
     #[test]

@@ -11,6 +11,14 @@ use pliant::mesh::measures::Aabb;
 use pliant::simulation::{FrameState, SceneDescription};
 use pliant_render::{Frame, PictureError, TextStyle};
 
+/// Beginning of the names of files.
+const FILE: &str = "place-";
+
+/// True for the file of such a picture, whose number depends on the run.
+pub fn is_picture(file: &str) -> bool {
+    file.starts_with(FILE) && file.ends_with(".png")
+}
+
 /// Greatest number of pictures of a run.
 const MOST: usize = 8;
 
@@ -54,7 +62,7 @@ pub fn pictures(
             continue;
         };
         pictures.push(Picture {
-            file: format!("place-{}.png", pictures.len() + 1),
+            file: format!("{FILE}{}.png", pictures.len() + 1),
             caption: names.join("; "),
             bytes: frame.to_png()?,
             wide: false,
@@ -62,7 +70,11 @@ pub fn pictures(
     }
     let missing = spots.len() - pictures.len();
     let note = (missing > 0).then(|| {
-        format!("{missing} places of failed checks have no picture; `where` and `at` tell them")
+        let shown = pictures.len();
+        format!(
+            "of {} places of failed checks {shown} have a picture; `at` has all",
+            spots.len()
+        )
     });
     Ok((pictures, note))
 }
@@ -164,11 +176,11 @@ mod tests {
         // A frame that cannot be read and a point that is no number have none.
         let lost = [red(7, corner), red(0, [f64::NAN, 0.0, 0.0])];
         let (found, note) = pictures(&cast, &lost, read).expect("pictures");
-        assert!(found.is_empty() && note.is_some_and(|note| note.starts_with("1 place")));
+        assert!(found.is_empty() && note.is_some_and(|note| note.starts_with("of 1 places")));
         let many: Vec<Verdict> = (0..11).map(|k| red(0, [f64::from(k) * 1e-3; 3])).collect();
         let (found, note) = pictures(&cast, &many, read).expect("pictures");
         assert_eq!(found.len(), MOST);
-        assert!(note.is_some_and(|note| note.starts_with("3 places")));
+        assert!(note.is_some_and(|note| note.starts_with("of 11 places")));
     }
 
     #[test]

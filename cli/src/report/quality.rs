@@ -88,8 +88,6 @@ pub struct RunQuality {
 struct Watched {
     /// Hinges with a free vertex, each with the part of its angle at rest that does not count [deg].
     hinges: Vec<([u32; 4], f64)>,
-    /// Edges, with their lengths at rest [m].
-    edges: Vec<([u32; 2], f64)>,
     /// Free vertices on a bone.
     on_bone: Vec<OnBone>,
     /// Thickness at rest [m].
@@ -107,6 +105,8 @@ struct Watched {
 #[derive(Clone, Copy, Debug)]
 struct OnBone {
     vertex: u32,
+    /// The bone.
+    bone: usize,
     /// Its distance from the bone at rest [m].
     at_rest: f64,
     /// How far it lies beyond the straight line between both ends of the muscle, away from the bone, at rest
@@ -123,7 +123,7 @@ pub struct Worst {
     lift: Option<Found>,
     thinnest: Option<Found>,
     hinge: Option<Found>,
-    /// Greatest strain of an edge, relative to the mesh at rest.
+    /// Greatest strain of an edge.
     strain: Option<Found>,
 }
 
@@ -225,15 +225,19 @@ impl RunQuality {
             let touches = !simulation.plan.muscles[k].obstacles.is_empty();
             let ends = ends(body, x);
             let near = free.filter(|_| touches).filter_map(|v| {
-                let (at_rest, at, bone) = bones.nearest(&x[v])?;
+                let (at_rest, _, bone) = bones.nearest(&x[v])?;
+                if !(at_rest <= ON_BONE * body.length) {
+                    return None;
+                }
                 let is_held = |&(other, by): &(u32, usize)| {
                     by == bone && (x[other as usize] - x[v]).norm() <= BESIDE * body.length
                 };
                 let passed = ends.as_ref().filter(|_| !body.attached.iter().any(is_held));
-                (at_rest <= ON_BONE * body.length).then_some(OnBone {
+                Some(OnBone {
                     vertex: v as u32,
+                    bone,
                     at_rest,
-                    beyond: passed.map(|ends| beyond_line(&x[v], &at, ends)),
+                    beyond: passed.and_then(|ends| bones.beyond_line(bone, &x[v], ends)),
                 })
             });
             watched.on_bone = near.collect();
@@ -282,9 +286,12 @@ impl RunQuality {
                 let from = &x[on.vertex as usize];
                 let (distance, to, _) = bones.nearest(from)?;
                 let lift = distance - on.at_rest;
-                let lift = match on.beyond.zip(ends.as_ref()) {
-                    Some((at_rest, ends)) => {
-                        let most = max_or_nan([beyond_line(from, &to, ends) - at_rest, 0.0]);
+                let now = ends
+                    .as_ref()
+                    .map(|ends| bones.beyond_line(on.bone, from, ends));
+                let lift = match on.beyond.zip(now.flatten()) {
+                    Some((at_rest, now)) => {
+                        let most = max_or_nan([now - at_rest, 0.0]);
                         if most <= lift { most } else { lift }
                     }
                     None => lift,
@@ -364,10 +371,7 @@ impl Watched {
         let x = &body.rest.vertices;
         let is_free = |hinge: &&[u32; 4]| hinge.iter().any(|&v| body.is_free(v as usize));
         let free = topology.hinges.iter().filter(is_free);
-        let length = |[a, b]: [u32; 2]| (x[a as usize] - x[b as usize]).norm();
-        let edges = topology.edges.iter().map(|&edge| (edge, length(edge)));
         Self {
-            edges: edges.filter(|(_, length)| *length > 0.0).collect(),
             hinges: free
                 .map(|&hinge| (hinge, (fold(x, hinge) - SHARP).max(0.0)))
                 .collect(),
@@ -393,8 +397,9 @@ impl Watched {
             let angle = fold(x, hinge) - at_rest;
             at(angle, hinge[0]).keep_greatest(&mut self.worst.hinge);
         }
-        for &([a, b], length) in &self.edges {
-            let strain = (x[a as usize] - x[b as usize]).norm() / length - 1.0;
+        for edge in &body.edges {
+            let [a, b] = edge.points;
+            let strain = (x[a as usize] - x[b as usize]).norm() / edge.rest - 1.0;
             at(strain.abs(), a).keep_greatest(&mut self.worst.strain);
         }
         self.recent.push_back(x.clone());
@@ -478,9 +483,30 @@ impl<'a> Bones<'a> {
             });
         each.min_by(|a, b| a.0.total_cmp(&b.0))
     }
+
+    /// How far a point lies beyond the line between two others, away from a bone [m].
+    fn beyond_line(
+        &self,
+        bone: usize,
+        point: &Point3<f64>,
+        [one, other]: &[Point3<f64>; 2],
+    ) -> Option<f64> {
+        let (surface, pose) = &self.0[bone];
+        let away = pose
+            * surface
+                .closest(&pose.inverse_transform_point(point))?
+                .normal;
+        let along = other - one;
+        let share = (point - one).dot(&along) / along.norm_squared();
+        let nearest = match share.is_finite() {
+            true => one + along * share.clamp(0.0, 1.0),
+            false => *one,
+        };
+        Some(away.dot(&(point - nearest)))
+    }
 }
 
-/// The middles of what the two bones hold that hold most of a muscle [m]; `None` for fewer bones.
+/// The middles of what two bones hold, those that are farthest from each other [m]; `None` for fewer bones.
 fn ends(body: &Body, x: &[Point3<f64>]) -> Option<[Point3<f64>; 2]> {
     let mut held: BTreeMap<usize, (usize, Vector3<f64>)> = BTreeMap::new();
     for &(v, bone) in &body.attached {
@@ -488,24 +514,16 @@ fn ends(body: &Body, x: &[Point3<f64>]) -> Option<[Point3<f64>; 2]> {
         *count += 1;
         *sum += x[v as usize].coords;
     }
-    let mut held: Vec<(usize, Vector3<f64>)> = held.into_values().collect();
-    held.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
-    let [one, other, ..] = held.as_slice() else {
-        return None;
-    };
-    Some([one, other].map(|(count, sum)| Point3::from(sum / *count as f64)))
-}
-
-/// How far a point lies beyond the line between two points, away from a point of a bone [m].
-fn beyond_line(point: &Point3<f64>, bone: &Point3<f64>, [one, other]: &[Point3<f64>; 2]) -> f64 {
-    let along = other - one;
-    let share = (point - one).dot(&along) / along.norm_squared();
-    let nearest = match share.is_finite() {
-        true => one + along * share.clamp(0.0, 1.0),
-        false => *one,
-    };
-    let away = (point - bone).try_normalize(0.0);
-    away.map_or(0.0, |away| away.dot(&(point - nearest)))
+    let middles: Vec<Point3<f64>> = held
+        .into_values()
+        .map(|(count, sum)| Point3::from(sum / count as f64))
+        .collect();
+    let pairs = middles
+        .iter()
+        .enumerate()
+        .flat_map(|(k, one)| middles[k + 1..].iter().map(move |other| [*one, *other]));
+    let apart = |[one, other]: &[Point3<f64>; 2]| (one - other).norm();
+    pairs.max_by(|a, b| apart(a).total_cmp(&apart(b)))
 }
 
 /// Greatest number of frames of a motion that are looked at.

@@ -9,6 +9,7 @@ use super::folder::{Folder, FolderError};
 use super::frames::{Listing, Stored};
 use super::gathered::{self, Gathered};
 use super::muscles;
+use super::places;
 use super::quality::RunQuality;
 use super::record::Record;
 use super::run::{Finished, Frames, end_unless};
@@ -82,7 +83,9 @@ impl Results {
         let stored = gathered.stored.clone();
         let shots = gathered.shots(&scene, simulation, root, first, animate)?;
         let (listing, files) = gathered::listing(&scene, simulation);
-        let folder = Folder::resume(root, &files, |file| !animate && file.ends_with(".gif"))?;
+        let folder = Folder::resume(root, &files, |file| {
+            !animate && file.ends_with(".gif") || places::is_picture(file)
+        })?;
         let (total, prepared) = gathered.times_s;
         let earlier = (seconds(total), seconds(prepared));
         Ok(Self {

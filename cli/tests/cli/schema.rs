@@ -8,7 +8,7 @@ use serde_json::{Value, json as value};
 const SCHEMA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/summary.schema.json");
 
 /// Keywords that the validator knows: another one in the schema is an error, not a check that never fails.
-const KNOWN: [&str; 18] = [
+const KNOWN: [&str; 21] = [
     "$schema",
     "$id",
     "$defs",
@@ -24,6 +24,9 @@ const KNOWN: [&str; 18] = [
     "additionalProperties",
     "propertyNames",
     "items",
+    "minimum",
+    "minItems",
+    "maxItems",
     "allOf",
     "if",
     "then",
@@ -100,6 +103,18 @@ fn check(root: &Value, schema: &Value, value: &Value, at: &str, all: &mut Vec<St
                     check(root, rule, item, &format!("{at}/{k}"), all);
                 }
                 false
+            }
+            "minimum" => match (value.as_f64(), rule.as_f64()) {
+                (Some(value), Some(least)) => !(value >= least),
+                _ => false,
+            },
+            "minItems" | "maxItems" => {
+                let count = value.as_array().map(|all| all.len() as u64);
+                match (count, rule.as_u64(), word.as_str()) {
+                    (Some(count), Some(least), "minItems") => count < least,
+                    (Some(count), Some(most), _) => count > most,
+                    _ => false,
+                }
             }
             "allOf" => {
                 list().for_each(|rule| check(root, rule, value, at, all));
@@ -258,6 +273,52 @@ fn what_departs_from_the_schema_is_found() {
         let mut bad = good.clone();
         change(&mut bad);
         assert!(!faults(&schema, &bad).is_empty(), "{what} was not found");
+    }
+}
+
+/// The place of a failed check: a summary of a red run fits, and one with another place does not.
+#[test]
+fn the_place_of_a_failed_check_has_its_form() {
+    let scratch = Scratch::folder();
+    let out = scratch.join("red");
+    let done = run(&[
+        "run",
+        "cube",
+        "--frames",
+        "2",
+        "--set",
+        "limits.hinge='1 deg'",
+        "--out",
+        shown(&out),
+        "--json",
+    ]);
+    assert_eq!(done.status.code(), Some(1), "{}", text(&done.stderr));
+    assert!(out.join("place-1.png").is_file());
+    let red: Value = serde_json::from_slice(&done.stdout).expect("JSON");
+    assert_valid(&red);
+    let verdicts = red["verdicts"].as_array().expect("verdicts");
+    let failed = verdicts.iter().position(|v| v["at"].is_object());
+    let failed = failed.expect("a place");
+    assert_eq!(verdicts[failed]["passed"], Value::Bool(false));
+    let changes: [(&str, Value); 4] = [
+        ("no frame", value!({"point_m": [0.0, 0.0, 0.0]})),
+        (
+            "two coordinates",
+            value!({"frame": 1, "point_m": [0.0, 0.0]}),
+        ),
+        (
+            "a frame below zero",
+            value!({"frame": -1, "point_m": [0.0, 0.0, 0.0]}),
+        ),
+        (
+            "a key too many",
+            value!({"frame": 1, "point_m": [0.0, 0.0, 0.0], "vertex": 3}),
+        ),
+    ];
+    for (what, place) in changes {
+        let mut bad = red.clone();
+        bad["verdicts"][failed]["at"] = place;
+        assert!(!faults(&schema(), &bad).is_empty(), "{what} was not found");
     }
 }
 

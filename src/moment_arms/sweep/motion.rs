@@ -11,6 +11,10 @@ use crate::scene::{Joint, Key, Motion, Scene};
 /// Greatest change of an angle from one frame to the next between two poses \[rad\].
 const LARGEST_STEP: f64 = 0.1;
 
+/// A pose is that of the file if it departs from it by at most this angle \[rad\], and by this share of its
+/// distance from the origin.
+const AT_REST: f64 = 1e-9;
+
 /// The joint of that name or of a bone of that name, and which bones turn about it.
 ///
 /// # Errors
@@ -78,6 +82,17 @@ pub fn moved(
                 "the path of bone `{name}` is of another axis; leave the axis out, or the path"
             )));
         }
+        let at_rest = own.pose(0.0);
+        let size = own.centre.coords.norm() + at_rest.translation.vector.norm();
+        let is_at_rest = at_rest.translation.vector.norm() <= AT_REST * size
+            && at_rest.rotation.angle() <= AT_REST
+            && least <= 0.0
+            && most >= 0.0;
+        if !is_at_rest {
+            return Err(SweepError::Range(format!(
+                "the path of bone `{name}` has another pose at 0 deg than the file, where a sweep begins"
+            )));
+        }
         let is_beyond = |angle: &&f64| !(least <= **angle && **angle <= most);
         if let Some(angle) = angles.iter().find(is_beyond) {
             let [angle, least, most] = [*angle, least, most].map(|a| number(a.to_degrees()));
@@ -100,6 +115,8 @@ pub fn moved(
 pub(super) struct Course {
     /// Which bones each joint moves; a joint stands after the one that carries it.
     pub(super) moves: Vec<Vec<bool>>,
+    /// Which bones are beyond each joint: a muscle that such a bone and another one hold crosses it.
+    pub(super) beyond: Vec<Vec<bool>>,
     /// Displacement of each joint in each frame [m].
     pub(super) frames: Vec<Vec<Isometry3<f64>>>,
     /// Frame of each value.
@@ -111,8 +128,8 @@ impl Course {
     /// value to the next.
     pub(super) fn of_joint(
         joints: &[(Joint, Vec<bool>)],
-        angles: &[f64],
-        step: f64,
+        turning: Vec<bool>,
+        (angles, step): (&[f64], f64),
         frames: usize,
     ) -> Self {
         let at = |angle: f64| joints.iter().map(|(joint, _)| joint.pose(angle)).collect();
@@ -135,6 +152,7 @@ impl Course {
         }
         Self {
             moves: joints.iter().map(|(_, moves)| moves.clone()).collect(),
+            beyond: vec![turning],
             frames: course,
             values,
         }
@@ -165,8 +183,10 @@ impl Course {
             values.push(frames.len() - 1);
             before = pose;
         }
+        let moves: Vec<Vec<bool>> = (0..drive.joints()).map(|k| drive.moves(k)).collect();
         Self {
-            moves: (0..drive.joints()).map(|k| drive.moves(k)).collect(),
+            beyond: moves.clone(),
+            moves,
             frames,
             values,
         }

@@ -176,13 +176,21 @@ refused! {
     e055_path_without_axis: spoilt("[[muscle]]", "[bone.motion]\nkeys = [{ frame = 0 }]\n\
         path = [{ at = '0 rad' }, { at = '1 rad' }]\n[[muscle]]") =>
         "s.toml:8:8: error[E055]: bone.0.motion.path: `centre` is missing; add `centre` and `axis` of the joint to the motion";
-    e065_short_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
+    e051_short_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
         keys = [{ frame = 0 }]\npath = [{ at = '0 rad' }]\n[[muscle]]") =>
-        "s.toml:10:8: error[E065]: bone.0.motion.path: the list is empty; give poses at two angles at least, or leave the key out";
+        "s.toml:10:8: error[E051]: bone.0.motion.path: a path of one pose is not allowed here; give poses at two angles at least";
+    e051_turns_too_far: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
+        keys = [{ frame = 0 }]\npath = [{ at = '0 rad' }, { at = '1 rad', angle = '190 deg' }]\n[[muscle]]") =>
+        "s.toml:10:46: error[E051]: bone.0.motion.path.1.angle: `190 deg` is not allowed here; \
+         give an angle from -3.141592653589793 to 3.141592653589793 rad";
+    e051_no_angle_on_the_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
+        keys = [{ frame = 0 }]\npath = [{ at = '0.5 rad' }, { at = '1 rad' }]\n[[muscle]]") =>
+        "s.toml:9:9: error[E051]: bone.0.motion.keys.0: a pose without `angle`, which is 0 rad, is not allowed here; \
+         give an angle from 0.5 to 1 rad";
     e059_order_of_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
         keys = [{ frame = 0 }]\npath = [{ at = '1 rad' }, { at = '0 rad' }]\n[[muscle]]") =>
-        "s.toml:10:34: error[E059]: bone.0.motion.path.1.at: angle [rad] 0 does not come after angle [rad] 1; \
-         sort the keys by angle [rad], each angle [rad] once";
+        "s.toml:10:34: error[E059]: bone.0.motion.path.1.at: angle [deg] 0 does not come after angle [deg] 57.29577951308232; \
+         sort the keys by angle, each angle once";
     e059_order_of_keys: spoilt("[[muscle]]", "[bone.motion]\nkeys = [{ frame = 5 },\n{ frame = 5 }]\n[[muscle]]") =>
         "s.toml:8:11: error[E059]: bone.0.motion.keys.1.frame: frame 5 does not come after frame 5; \
          sort the keys by frame, each frame once";

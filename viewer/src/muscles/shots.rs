@@ -2,12 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
-
 use super::Muscles;
 use crate::snapshot::{BodyShot, BoneShot, Probe, Reading, Shot, Stage, StageBody, Tissue};
 use pliant::mesh::measures::{max_or_nan, volume};
-use pliant::scene::Joint;
 use pliant::simulation::{Body, Simulation, strain_at_vertices};
 
 /// The constant data of a simulation.
@@ -43,7 +40,7 @@ impl Muscles {
                 .motion
                 .joint
                 .as_ref()
-                .map(|joint| angle(joint, &pose));
+                .map(|joint| joint.angle_of(&pose));
             BoneShot {
                 pose,
                 angle,
@@ -202,12 +199,4 @@ pub(super) fn seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
         *all.entry(*name).or_insert(0.0) += s;
     }
     all
-}
-
-/// The angle [rad] of a pose about the axis of a joint, in -pi..pi.
-pub(super) fn angle(joint: &Joint, pose: &Isometry3<f64>) -> f64 {
-    let q = pose.rotation.quaternion();
-    // The quaternion of the shorter rotation.
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w)
 }
