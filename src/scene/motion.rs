@@ -155,16 +155,18 @@ pub(super) fn along(joint: &Joint, angle: f64) -> Isometry3<f64> {
     Glide::new(joint).map_or_else(Isometry3::identity, |glide| glide.at(angle))
 }
 
+/// The angle of a pose about an axis \[rad\], in -pi..pi.
+fn about(axis: &Unit<Vector3<f64>>, pose: &Isometry3<f64>) -> f64 {
+    let q = pose.rotation;
+    // The quaternion of the shorter rotation.
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    2.0 * libm::atan2(sign * q.imag().dot(axis), sign * q.w)
+}
+
 /// The angle \[rad\] at which a joint has a pose: of its turn about the axis, or that of the nearest pose on its path.
 pub(super) fn angle_of(joint: &Joint, pose: &Isometry3<f64>) -> f64 {
-    let about_axis = |pose: &Isometry3<f64>| {
-        let q = pose.rotation;
-        // The quaternion of the shorter rotation.
-        let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-        2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w)
-    };
     let (Some(glide), Some([least, most])) = (Glide::new(joint), joint.path_range()) else {
-        return about_axis(pose);
+        return about(&joint.axis, pose);
     };
     let moved = |key: &Key| (key.pose * joint.centre - joint.centre).norm();
     let size = max_or_nan(joint.path.iter().map(moved));
@@ -293,8 +295,10 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
         linear,
     };
     let keys = glide(&turning, &joint);
-    let is_finite = |key: &Key| key.pose.translation.vector.iter().all(|c| c.is_finite());
-    if !keys.iter().all(is_finite) {
+    let mut numbers = keys
+        .iter()
+        .flat_map(|key| key.pose.translation.vector.iter());
+    if numbers.any(|c| !c.is_finite()) {
         return path.fail(SceneProblem::OutOfRange {
             found: "a path whose poses are no numbers".to_owned(),
             allowed: "poses that are nearer to each other".to_owned(),
@@ -324,13 +328,9 @@ fn glide(turning: &Motion, joint: &Joint) -> Vec<Key> {
     let Some(glide) = Glide::new(joint) else {
         return Vec::new();
     };
-    let turns = Joint {
-        path: Vec::new(),
-        ..joint.clone()
-    };
     let at = |frame: f64| Key {
         frame,
-        pose: glide.at(angle_of(&turns, &turning.pose(frame))),
+        pose: glide.at(about(&joint.axis, &turning.pose(frame))),
     };
     let spans = || {
         turning

@@ -282,10 +282,11 @@ impl KnownJoint {
         let turning = (0..bones.len()).filter(|&b| self.moves(bones, b, between));
         let turns: Vec<usize> = turning.collect();
         let is_knee = bones[rests].is(&["femur"]) && bones[between[1]].is(&["tibia"]);
-        let patellae = turns
+        let patellae: Vec<usize> = turns
             .iter()
-            .filter(|&&b| is_knee && bones[b].is(&["patella"]));
-        let patellae: Vec<usize> = patellae.copied().collect();
+            .copied()
+            .filter(|&b| is_knee && bones[b].is(&["patella"]))
+            .collect();
         let mut joint = Joint {
             known: self,
             between,
@@ -297,9 +298,10 @@ impl KnownJoint {
             glides: Vec::new(),
         };
         let mesh = |b: usize| bones[b].mesh;
-        let glide = |&b: &usize| joint.glide(b, &mesh, bones[rests].surface, &[]);
-        let glides = patellae.iter().filter_map(glide).collect();
-        joint.glides = glides;
+        let glides = patellae
+            .iter()
+            .filter_map(|&b| joint.glide(b, &mesh, bones[rests].surface, &[]));
+        joint.glides = glides.collect();
         Ok(joint)
     }
 

@@ -292,21 +292,7 @@ impl Model<'_> {
         if !(off <= OFF * self.size && (rest.z / self.size).abs() <= TURNED) {
             return None;
         }
-        let walk = |last: i32, step: i32| {
-            let mut found = vec![(0, rest)];
-            while let Some(&(at, before)) = found.last().filter(|(at, _)| *at != last) {
-                let next = at + step;
-                let place = self.lies(&before, f64::from(next).to_radians());
-                let is_near = |place: &Place| (place - before).norm() <= JUMP * self.size;
-                // A path ends where the patella leaves the groove.
-                let Some(place) = place.filter(is_near) else {
-                    break;
-                };
-                found.push((next, place));
-            }
-            found
-        };
-        let (back, forth) = (walk(FROM, -STEP), walk(TO, STEP));
+        let (back, forth) = (self.steps(rest, FROM, -STEP), self.steps(rest, TO, STEP));
         let reached = |found: &[(i32, Place)]| found.last().map_or(0, |(at, _)| *at);
         if reached(&back) != FROM || reached(&forth) < ENOUGH {
             return None;
@@ -324,6 +310,21 @@ impl Model<'_> {
             *place += ahead - rest;
         }
         Some(all)
+    }
+
+    /// Places from rest to an angle [deg], or to where the patella leaves the groove.
+    fn steps(&self, rest: Place, last: i32, step: i32) -> Vec<(i32, Place)> {
+        let mut found = vec![(0, rest)];
+        while let Some(&(at, before)) = found.last().filter(|(at, _)| *at != last) {
+            let next = at + step;
+            let place = self.lies(&before, f64::from(next).to_radians());
+            let is_near = |place: &Place| (place - before).norm() <= JUMP * self.size;
+            let Some(place) = place.filter(is_near) else {
+                break;
+            };
+            found.push((next, place));
+        }
+        found
     }
 
     /// How far forwards the patella keeps clear of the femur with what it carries [m].

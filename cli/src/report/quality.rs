@@ -407,7 +407,7 @@ impl Watched {
             self.recent.pop_front();
         }
         if self.recent.len() == WINDOW {
-            self.add_window(body, frame - WINDOW / 2);
+            self.add_window(body, frame.saturating_sub(WINDOW / 2));
         }
     }
 
