@@ -282,7 +282,9 @@ fn a_bone_on_a_path_moves_by_it() {
     };
     let keys = "path = [{ at = '-0.1 rad', angle = '-0.1 rad' }, { at = '0 rad' }, { at = '0.1 rad', angle = '0.1 rad' }]";
     let [as_one, as_path] = ["", keys].map(|path| arm("third", &third(path)));
-    assert!((as_path / as_one - 1.0).abs() <= 1e-6, "{as_path} {as_one}");
+    // Shares of the turn differ between one joint and two; in a like scene fibres from
+    // the wrong bones gave 0.84 of it.
+    assert!((as_path / as_one - 1.0).abs() <= T22, "{as_path} {as_one}");
     // The pose of the file is where a sweep begins.
     let shifted = |text: String| {
         let path = "path = [{ at = '-1 rad', translation = ['1 mm', '0 m', '0 m'] }, \

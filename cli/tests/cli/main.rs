@@ -108,6 +108,13 @@ fn referenced(folder: &Path, pvd: &str) -> Vec<String> {
     files
 }
 
+/// The surfaces among the files of a folder.
+fn surfaces_in(folder: &Path) -> Vec<String> {
+    let mut names = names_in(folder);
+    names.retain(|file| file.ends_with(".vtp"));
+    names
+}
+
 fn names_in(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = fs::read_dir(folder)
         .unwrap()
@@ -282,8 +289,16 @@ fn small_scenes_leave_whole_files() {
         let files = referenced(&out, &format!("{scene}.pvd"));
         let bones = if scene == "chain" { 0 } else { 1 };
         assert_eq!(files.len(), 6 * (1 + bones), "{scene}");
+        // The same frames as blocks with names.
+        let blocks = names_in(&out.join("frames"));
+        let blocks = blocks.iter().filter(|file| file.ends_with(".vtm"));
+        let list = json(&out.join(format!("{scene}.vtm.series")));
+        assert_eq!(
+            (blocks.count(), list["files"].as_array().map(Vec::len)),
+            (6, Some(6))
+        );
         // A bone at rest is written once.
-        assert_eq!(names_in(&out.join("frames")).len(), 6 + bones, "{scene}");
+        assert_eq!(surfaces_in(&out.join("frames")).len(), 6 + bones, "{scene}");
         for (table, rows) in [("measures.csv", 6), ("times.csv", 5)] {
             let table = fs::read_to_string(out.join(table)).unwrap();
             assert_eq!(table.lines().count(), 1 + rows);
@@ -359,7 +374,7 @@ fn a_shorter_run_leaves_no_frame_of_a_longer_one_and_no_foreign_file_is_touched(
     run_into(&out, &["distance", "--frames", "9"]);
     fs::write(out.join("mine.txt"), "mine").unwrap();
     run_into(&out, &["distance", "--frames", "2", "--animate", "gif"]);
-    assert_eq!(names_in(&out.join("frames")).len(), 3 + 1);
+    assert_eq!(surfaces_in(&out.join("frames")).len(), 3 + 1);
     assert_eq!(fs::read_to_string(out.join("mine.txt")).unwrap(), "mine");
     assert!(
         fs::read(out.join("distance.gif"))
@@ -482,7 +497,7 @@ fn ends_with_readable_files(signal: &str, code: i32) {
     assert_eq!(summary["interrupted"], true);
     let frames = summary["frames"].as_u64().unwrap() as usize;
     assert_eq!(referenced(&out, "distance.pvd").len(), 2 * (frames + 1));
-    assert_eq!(names_in(&out.join("frames")).len(), frames + 2);
+    assert_eq!(surfaces_in(&out.join("frames")).len(), frames + 2);
     assert!(!names_in(&out).iter().any(|n| n.ends_with(".part")));
 }
 

@@ -6,8 +6,8 @@ use std::fs;
 use serde_json::Value;
 
 use super::{
-    Scratch, json, measures, names_in, pliant, referenced, run, run_into, schema, shown, text,
-    turntable,
+    Scratch, json, measures, names_in, pliant, referenced, run, run_into, schema, shown,
+    surfaces_in, text, turntable,
 };
 
 /// The flat implant on a mesh that needs a second.
@@ -83,7 +83,7 @@ fn a_flat_implant_has_areas_frames_and_pictures() {
     let out = scratch.join("out");
     // The skin and the implant, before and after.
     assert_eq!(referenced(&out, "flat-implant.pvd").len(), 4);
-    assert_eq!(names_in(&out.join("frames")).len(), 4);
+    assert_eq!(surfaces_in(&out.join("frames")).len(), 4);
     assert_eq!(
         fs::read_to_string(out.join("measures.csv"))
             .unwrap()

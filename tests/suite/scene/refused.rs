@@ -181,7 +181,7 @@ refused! {
         "s.toml:10:8: error[E051]: bone.0.motion.path: a path of one pose is not allowed here; give poses at two angles at least";
     e051_turns_too_far: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
         keys = [{ frame = 0 }]\npath = [{ at = '0 rad' }, { at = '1 rad', angle = '190 deg' }]\n[[muscle]]") =>
-        "s.toml:10:46: error[E051]: bone.0.motion.path.1.angle: `190 deg` is not allowed here; \
+        "s.toml:10:51: error[E051]: bone.0.motion.path.1.angle: `190 deg` is not allowed here; \
          give an angle from -3.141592653589793 to 3.141592653589793 rad";
     e051_no_angle_on_the_path: spoilt("[[muscle]]", "[bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]\n\
         keys = [{ frame = 0 }]\npath = [{ at = '0.5 rad' }, { at = '1 rad' }]\n[[muscle]]") =>
