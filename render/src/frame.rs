@@ -167,6 +167,9 @@ impl Frame {
     /// Draws a circle with its centre at a column and row \[px\], clipped to the picture: a line of
     /// `colour`, three pixels wide, between two white ones, so that it is visible on any ground.
     pub fn ring(&mut self, [column, row]: [f64; 2], radius: f64, colour: Rgb) {
+        if ![column, row, radius].iter().all(|c| c.is_finite()) {
+            return;
+        }
         let reach = radius.clamp(0.0, f64::from(MAX_SIDE)) + 4.0;
         let span = |at: f64| (at - reach).floor() as i64..=(at + reach).ceil() as i64;
         for y in span(row) {
@@ -239,6 +242,27 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_ring_leaves_its_middle_and_ends_at_the_border() {
+        let white = Frame::plain(41, 41, [1.0; 3]);
+        let mut frame = white.clone();
+        frame.ring([20.0, 20.0], 10.0, [1.0, 0.0, 0.0]);
+        for at in [(30, 20), (10, 20), (20, 30), (20, 10)] {
+            assert_eq!(frame.pixel(at.0, at.1), Some([255, 0, 0]), "{at:?}");
+        }
+        for at in [(20, 20), (20, 13), (36, 20)] {
+            assert_eq!(frame.pixel(at.0, at.1), Some([255; 3]), "{at:?}");
+        }
+        // Partly outside, far outside, and at no place.
+        frame.ring([0.0, 40.0], 5.0, [0.0; 3]);
+        assert_eq!(frame.pixel(5, 40), Some([0; 3]));
+        let mut none = white.clone();
+        for at in [[1e300, -1e300], [f64::NAN, 3.0], [3.0, f64::INFINITY]] {
+            none.ring(at, 5.0, [0.0; 3]);
+        }
+        assert_eq!(none, white);
+    }
 
     #[test]
     fn a_png_reads_back() {

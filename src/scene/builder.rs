@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
-use super::twist::Twist;
+use super::motion::turn_and_move;
 use super::{Joint, Scene, SceneError, Surroundings, parse_with};
 use crate::mesh::TriangleMesh;
 
@@ -92,10 +92,7 @@ impl SceneBuilder {
         };
         let _ = writeln!(self.text, "keys = [{}]", listed(keys.iter().map(key)));
         let path = joint.path.iter().map(|key| {
-            // A turn about the centre, and then a translation.
-            let turn = Twist::of(&key.pose).turn;
-            let moved = key.pose.translation.vector + key.pose.rotation * joint.centre.coords
-                - joint.centre.coords;
+            let (turn, moved) = turn_and_move(&key.pose, &joint.centre.coords);
             let angle = turn.norm();
             let axis = if angle > 0.0 { turn } else { joint.axis.into_inner() };
             let axis = axis.map(|c| format!("{c:?}"));

@@ -93,6 +93,15 @@ impl Motion {
     }
 }
 
+/// A pose as a turn about a centre, its axis times its angle \[rad\], and the translation after it \[m\].
+pub(super) fn turn_and_move(
+    pose: &Isometry3<f64>,
+    centre: &Vector3<f64>,
+) -> (Vector3<f64>, Vector3<f64>) {
+    let moved = pose.translation.vector + pose.rotation * centre - centre;
+    (Twist::of(pose).turn, moved)
+}
+
 /// The path of a joint as cubic splines of turn and translation, with the last piece like its neighbour at
 /// both ends.
 struct Glide<'a> {
@@ -110,9 +119,7 @@ impl<'a> Glide<'a> {
             return None;
         }
         let of_key = |key: &Key| {
-            let turn = Twist::of(&key.pose).turn;
-            // The translation after a turn about the centre.
-            let moved = key.pose.translation.vector + key.pose.rotation * centre - centre;
+            let (turn, moved) = turn_and_move(&key.pose, &centre);
             [turn.x, turn.y, turn.z, moved.x, moved.y, moved.z]
         };
         let all: Vec<[f64; 6]> = path.iter().map(of_key).collect();
@@ -163,7 +170,8 @@ fn about(axis: &Unit<Vector3<f64>>, pose: &Isometry3<f64>) -> f64 {
     2.0 * libm::atan2(sign * q.imag().dot(axis), sign * q.w)
 }
 
-/// The angle \[rad\] at which a joint has a pose: of its turn about the axis, or that of the nearest pose on its path.
+/// The angle \[rad\] at which a joint has a pose: of its turn about the axis, or that of the nearest pose on
+/// its path.
 pub(super) fn angle_of(joint: &Joint, pose: &Isometry3<f64>) -> f64 {
     let (Some(glide), Some([least, most])) = (Glide::new(joint), joint.path_range()) else {
         return about(&joint.axis, pose);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Unit, Vector3};
 use pliant::io;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::max_or_nan;
@@ -300,16 +300,10 @@ fn a_bone_on_a_path_moves_by_it() {
         .map(|e| e.to_string());
     assert!(refused.is_some_and(|why| why.contains("from -5.73 to 5.73 deg")));
     let (_folder, other) = scene("other-axis", glides(1.0));
+    let own = other.bones[1].motion.joint.as_ref().map(|joint| joint.axis);
     let about = Sweep {
-        axis: Some(Vector3::x_axis()),
+        axis: own.map(|axis| Unit::new_unchecked(axis.yzx())),
         ..sweep(0.0, 0.05)
-    };
-    let about = match other.bones[1].motion.joint.as_ref().map(|j| j.axis) {
-        Some(axis) if axis == Vector3::x_axis() => Sweep {
-            axis: Some(Vector3::y_axis()),
-            ..about
-        },
-        _ => about,
     };
     assert!(matches!(
         SweepRun::new(other, &about),

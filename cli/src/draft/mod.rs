@@ -200,7 +200,7 @@ impl Draft {
         bone: usize,
         surface: &Surface,
     ) -> Option<Vec<u32>> {
-        let known = names::insertion(&muscle.name, joint.known.name)?;
+        let along = names::insertion(&muscle.name, joint.known.name)?.along?;
         (self.insertion(muscle, joint) == Some(bone)).then_some(())?;
         let (middle, axis, length) = fit::long_axis(surface.positions())?;
         let away = joint.fit.centre - middle;
@@ -208,7 +208,7 @@ impl Draft {
         let axis = if axis.dot(&away) < 0.0 { -axis } else { axis };
         let heights = surface.positions().iter().map(|p| (p - middle).dot(&axis));
         let top = heights.max_by(f64::total_cmp)?;
-        let [least, most] = known.along.map(|share| top - share * length);
+        let [least, most] = along.map(|share| top - share * length);
         let is_there = |t: &[u32; 3]| {
             let of = |v: &u32| (surface.positions()[*v as usize] - middle).dot(&axis);
             t.iter().all(|v| most <= of(v) && of(v) <= least)

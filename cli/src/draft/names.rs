@@ -211,12 +211,12 @@ pub fn crosses(muscle: &str, joint: &str) -> Option<bool> {
 pub struct KnownInsertion {
     /// The bone, as in [`BONES`].
     pub bone: &'static str,
-    /// The part of its length, from the end at the joint, that has the insertion. A tendon that the mesh
-    /// lacks leads there.
-    pub along: [f64; 2],
+    /// The part of its length, from the end at the joint, that has the insertion; `None` for anywhere. A
+    /// tendon that the mesh lacks leads there.
+    pub along: Option<[f64; 2]>,
 }
 
-const fn ends_on(bone: &'static str, along: [f64; 2]) -> KnownInsertion {
+const fn ends_on(bone: &'static str, along: Option<[f64; 2]>) -> KnownInsertion {
     KnownInsertion { bone, along }
 }
 
@@ -226,10 +226,10 @@ const INSERTIONS: [(&[&str], &str, KnownInsertion); 3] = [
     (
         &["biceps", "brachi"],
         "elbow",
-        ends_on("radius", [0.1, 0.2]),
+        ends_on("radius", Some([0.1, 0.2])),
     ),
-    (&["brachialis"], "elbow", ends_on("ulna", [0.0, 1.0])),
-    (&["biceps", "femor"], "knee", ends_on("fibula", [0.0, 1.0])),
+    (&["brachialis"], "elbow", ends_on("ulna", None)),
+    (&["biceps", "femor"], "knee", ends_on("fibula", None)),
 ];
 
 /// Where a muscle ends that crosses a joint, by their names.

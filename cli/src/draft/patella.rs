@@ -5,12 +5,12 @@
 //! At each angle it lies where the quadriceps is shortest, without friction. This is the planar model of
 //! \[vaneijden1986\] with the shapes of the bones in place of curves, and an elastic layer for cartilage.
 
-use nalgebra::{
-    Isometry3, Matrix3, Point3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3,
-};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, Unit, Vector3};
 
 use pliant::contact::Surface;
 use pliant::mesh::TriangleMesh;
+use pliant::mesh::measures::max_or_nan;
+use pliant::scene::Joint;
 
 /// Angles of the knee at which poses are found [deg], and those that become keys.
 const FROM: i32 = -10;
@@ -38,9 +38,12 @@ const LAYERS: usize = 2;
 const CLEAR: f64 = 0.035;
 
 /// How often the patella is pushed forwards until it is clear, and how far at most, relative to its size:
-/// 4 mm. A push that slides along the femur goes no farther than this many times its depth.
+/// 4 mm.
 const PUSHES: usize = 8;
 const FARTHEST: f64 = 0.1;
+
+/// Least cosine of the angle between the femur's normal and forwards that a push takes into account: along a
+/// side of the femur it would never end.
 const STEEPEST: f64 = 0.3;
 
 /// Force that holds the patella to the femur where the quadriceps does not, relative to that of the
@@ -55,17 +58,14 @@ const SMOOTH: f64 = 8.0;
 /// 45 mm.
 const CARTILAGE: f64 = 0.11;
 
-/// Greatest number of points of the patella that touch.
+/// Least and greatest number of points of the patella that touch, and the cosine of the greatest angle of
+/// their normals to the back.
+const FEWEST: usize = 20;
 const MOST_POINTS: usize = 250;
+const FACES: f64 = 0.1;
 
 /// The points within this share of the extent from an end make a tip.
 const TIP: f64 = 0.05;
-
-/// Cosine of the greatest angle of their normals to the back.
-const FACES: f64 = 0.1;
-
-/// Least number of them.
-const FEWEST: usize = 20;
 
 /// Share of the length of the tibia, from its top, that has the tuberosity.
 const TUBEROSITY: f64 = 0.25;
@@ -84,6 +84,7 @@ const FADES: f64 = 0.2;
 /// Greatest motion in a step, relative to the size of the patella.
 const JUMP: f64 = 0.2;
 
+/// Greatest number of steps of a search for a place.
 const ROUNDS: usize = 100;
 
 /// Greatest last step of a search that has ended, relative to the size of the patella.
@@ -179,9 +180,11 @@ impl Knee<'_> {
                 translation,
             }
         };
-        Some(Path {
-            keys: keys.map(key).collect(),
-        })
+        let keys: Vec<PathKey> = keys.map(key).collect();
+        let mut numbers = keys
+            .iter()
+            .flat_map(|key| [key.angle, key.translation.norm()]);
+        numbers.all(f64::is_finite).then_some(Path { keys })
     }
 
     fn model(&self) -> Option<Model<'_>> {
@@ -264,12 +267,6 @@ fn smooth(all: &[(i32, Place)]) -> Vec<(i32, Place)> {
         .collect()
 }
 
-/// The turn about an axis by an angle [rad]; the functions of libm give the same bits on every system.
-fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
-    let (sine, cosine) = libm::sincos(0.5 * angle);
-    UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))
-}
-
 /// The mean of the points that are farthest in a direction.
 fn tip(points: &[Point3<f64>], direction: &Vector3<f64>) -> Option<Point3<f64>> {
     let along = |p: &Point3<f64>| p.coords.dot(direction);
@@ -338,8 +335,9 @@ impl Model<'_> {
                 let forwards = found.normal.dot(&self.plane[0]).max(STEEPEST);
                 Some((clear - found.distance) / forwards)
             });
-            let most = missing.fold(0.0_f64, |most, by| if by > most { by } else { most });
-            ahead = (ahead + most).min(FARTHEST * self.size);
+            let next = ahead + max_or_nan(missing.chain([0.0]));
+            let most = FARTHEST * self.size;
+            ahead = if next > most { most } else { next };
         }
         ahead
     }
@@ -356,17 +354,25 @@ impl Model<'_> {
     }
 
     fn pose(&self, place: &Place) -> Isometry3<f64> {
-        let turn = turn(&self.axis, place.z / self.size);
         let [front, up] = self.plane;
-        let moved = front * place.x + up * place.y;
-        let about = self.middle.coords - turn * self.middle.coords;
-        Isometry3::from_parts(Translation3::from(moved + about), turn)
+        let moved = Translation3::from(front * place.x + up * place.y);
+        moved * self.turned(self.middle, place.z / self.size)
+    }
+
+    /// The turn by an angle [rad] about the axis through a centre.
+    fn turned(&self, centre: Point3<f64>, angle: f64) -> Isometry3<f64> {
+        let joint = Joint {
+            name: None,
+            centre,
+            axis: self.axis,
+            path: Vec::new(),
+        };
+        joint.pose(angle)
     }
 
     /// Where the patella lies at an angle of the knee [rad], from a place nearby.
     fn lies(&self, from: &Place, angle: f64) -> Option<Place> {
-        let by = turn(&self.axis, angle);
-        let end = self.centre + by * (self.tuberosity - self.centre);
+        let end = self.turned(self.centre, angle) * self.tuberosity;
         let (mut place, mut damping) = (*from, 1e-3);
         let (mut energy, mut slope, mut curve) = self.energy(&place, &end);
         let mut last = f64::INFINITY;
@@ -448,7 +454,7 @@ impl Model<'_> {
 mod tests {
     use super::*;
     use crate::draft::joint::{NamedBone, known};
-    use nalgebra::{Rotation3, Similarity3};
+    use nalgebra::{Rotation3, Similarity3, UnitQuaternion};
     use pliant::mesh::shapes::{box_surface, icosphere};
 
     /// A knee of a ball with a centre in front of the axis, a box for the patella and one for the tibia.

@@ -1,18 +1,22 @@
 //! The motion of a muscle as an anatomist judges it: jitter, snaps, distance from bones, thickness,
 //! folds.
 
+mod worst;
+
 use std::collections::{BTreeMap, VecDeque};
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
-use super::output::{Spot, Verdict};
+use super::output::Verdict;
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::measures::{max_or_nan, quantile};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::scene::Limits;
 use pliant::simulation::{Body, Simulation};
-use pliant::state::{DecodeError, Reader, Value, Writer};
+use pliant::state::{DecodeError, Reader, Writer};
+pub use worst::Worst;
+use worst::{Found, located};
 
 /// Number of frames of a mean, odd.
 const WINDOW: usize = 7;
@@ -112,101 +116,6 @@ struct OnBone {
     /// How far it lies beyond the straight line between both ends of the muscle, away from the bone, at rest
     /// [m], for a bone that the muscle passes here. There it leaves the bone as it gets straight.
     beyond: Option<f64>,
-}
-
-/// The worst values of a muscle so far; `None` for what was not measured.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Worst {
-    jitter: Option<Found>,
-    /// Greatest motion of a free vertex in a frame [m].
-    way: Option<Found>,
-    lift: Option<Found>,
-    thinnest: Option<Found>,
-    hinge: Option<Found>,
-    /// Greatest strain of an edge.
-    strain: Option<Found>,
-}
-
-/// A value, and the vertex that has it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Found {
-    value: f64,
-    vertex: u32,
-    spot: Spot,
-}
-
-impl Found {
-    /// The vertex with a value at these positions.
-    fn of(value: f64, vertex: u32, frame: usize, x: &[Point3<f64>]) -> Self {
-        let point_m = x[vertex as usize].into();
-        Self {
-            value,
-            vertex,
-            spot: Spot { frame, point_m },
-        }
-    }
-
-    /// Puts this in place of a smaller value. NaN stays.
-    fn keep_greatest(self, so_far: &mut Option<Self>) {
-        let is_greater = |old: &Self| !(self.value <= old.value) && !old.value.is_nan();
-        if so_far.as_ref().is_none_or(is_greater) {
-            *so_far = Some(self);
-        }
-    }
-
-    /// Puts this in place of a greater value. NaN stays.
-    fn keep_least(self, so_far: &mut Option<Self>) {
-        let is_less = |old: &Self| !(self.value >= old.value) && !old.value.is_nan();
-        if so_far.as_ref().is_none_or(is_less) {
-            *so_far = Some(self);
-        }
-    }
-}
-
-impl Value for Found {
-    const MIN_BYTES: usize = 44;
-    fn encode(&self, to: &mut Writer) {
-        to.put(&self.value);
-        to.put(&self.vertex);
-        to.put(&self.spot.frame);
-        to.put(&self.spot.point_m);
-    }
-    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
-        Ok(Self {
-            value: from.take()?,
-            vertex: from.take()?,
-            spot: Spot {
-                frame: from.take()?,
-                point_m: from.take()?,
-            },
-        })
-    }
-}
-
-impl Value for Worst {
-    const MIN_BYTES: usize = 6;
-    fn encode(&self, to: &mut Writer) {
-        for found in [
-            &self.jitter,
-            &self.way,
-            &self.lift,
-            &self.thinnest,
-            &self.hinge,
-            &self.strain,
-        ] {
-            to.put(found);
-        }
-    }
-    fn decode(from: &mut Reader<'_>) -> Result<Self, DecodeError> {
-        Ok(Self {
-            jitter: from.take()?,
-            way: from.take()?,
-            lift: from.take()?,
-            thinnest: from.take()?,
-            hinge: from.take()?,
-            strain: from.take()?,
-        })
-    }
 }
 
 impl RunQuality {
@@ -618,22 +527,6 @@ fn fold(x: &[Point3<f64>], [p1, p2, p3, p4]: [u32; 4]) -> f64 {
     first.angle(&second).to_degrees()
 }
 
-/// A verdict on a muscle; if it failed, with the place of the worst value.
-fn located(verdict: Verdict, muscle: &str, found: Option<Found>) -> Verdict {
-    let Some(Found { vertex, spot, .. }) = found.filter(|_| !verdict.passed) else {
-        return verdict.at(muscle);
-    };
-    let place = format!("{muscle}, frame {}, vertex {vertex}", spot.frame);
-    verdict.at(place).seen(Some(spot))
-}
-
-impl Worst {
-    /// A verdict on the strain of the edges of a muscle.
-    pub(super) fn of_strain(&self, verdict: Verdict, muscle: &str) -> Verdict {
-        located(verdict, muscle, self.strain)
-    }
-}
-
 /// What an anatomist asks of the motion of a muscle with this name and length [m]. NaN fails.
 pub(super) fn verdicts(
     quality: &Quality,
@@ -682,6 +575,7 @@ pub(super) fn verdicts(
 
 #[cfg(test)]
 mod tests {
+    use super::super::output::Spot;
     use super::*;
     use pliant::Scene;
     use pliant::mesh::shapes::{icosphere, tube};
