@@ -297,7 +297,8 @@ impl Model<'_> {
         let back = back.into_iter().rev();
         let all: Vec<(i32, Place)> = back.chain(forth.into_iter().skip(1)).collect();
         let mut all = smooth(&all);
-        // Forwards alone: a tendon that is as thick as a mesh draws it does not turn the patella.
+        // Forwards alone: a tendon that is as thick as a mesh draws it does not turn the patella. The ligament
+        // gets longer by it.
         let ahead: Vec<(i32, Place)> = all
             .iter()
             .map(|(at, place)| (*at, Place::x() * self.ahead(place)))
