@@ -23,13 +23,15 @@ mod tests;
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
 
-use super::PosedObstacle;
 use super::gap::Parts;
 use super::near_pairs::owned;
 use super::patches::{Motion, split};
+use super::rounded::MeanNormals;
 use super::surface::Surface;
+use super::{Obstacle, PosedObstacle};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::mesh::topology::Topology;
@@ -71,6 +73,9 @@ pub struct MeetingSettings {
     pub thickness: f64,
     /// Distance kept between an edge or vertex of a bone and a muscle, relative to the thickness.
     pub over_bone: f64,
+    /// Radius over which the direction away from a bone is a mean, relative to the median edge; 0 for
+    /// the direction from the nearest point.
+    pub rounding: f64,
     /// Coefficient of Coulomb friction between soft surfaces.
     pub friction: f64,
     /// Soft surfaces meet each other.
@@ -127,6 +132,8 @@ struct Bone {
     /// Index among the obstacles.
     obstacle: usize,
     surface: Arc<Surface>,
+    /// The mean direction away from it at each of its vertices; none without rounding.
+    normals: Vec<Vector3<f64>>,
     /// Poses at the reference, and at the start and the end of the step.
     reference: Isometry3<f64>,
     before: Isometry3<f64>,
@@ -262,6 +269,7 @@ impl Meeting {
                     };
                     let bone = Bone {
                         obstacle,
+                        normals: mean_normals(&surface, settings.rounding * edge),
                         surface,
                         reference: pose,
                         before: pose,
@@ -404,6 +412,15 @@ impl Meeting {
         is_cut
     }
 
+    /// The mean direction away from a bone at a vertex of it, and how the bone lies at the start of the step.
+    fn mean_normal(&self, vertex: u32) -> Option<(&UnitQuaternion<f64>, &Vector3<f64>)> {
+        let v = vertex as usize;
+        let member = &self.members[self.members.partition_point(|m| m.first <= v) - 1];
+        let bone = member.bone.as_ref()?;
+        let normal = bone.normals.get(v - member.first)?;
+        Some((&bone.before.rotation, normal))
+    }
+
     fn give_end(&self, bodies: &mut [&mut [Point3<f64>]]) {
         for (member, x) in self.members.iter().zip(bodies) {
             x.copy_from_slice(&self.end[member.first..member.first + member.count]);
@@ -434,6 +451,18 @@ impl Member {
         let v = (v as usize).checked_sub(self.first)?;
         (v < self.count).then_some(v as u32)
     }
+}
+
+/// The mean direction away from a surface over `radius` [m], at each of its vertices; none for 0.
+fn mean_normals(surface: &Surface, radius: f64) -> Vec<Vector3<f64>> {
+    if !(radius > 0.0) {
+        return Vec::new();
+    }
+    let each = surface.positions().par_iter();
+    let at: Vec<_> = each
+        .filter_map(|x| Some((*x, surface.closest(x)?)))
+        .collect();
+    MeanNormals::new(surface, radius).at(surface, &at)
 }
 
 /// The patches of all members with the vertices `x` [m].

@@ -140,8 +140,9 @@ fn corners(cell: Node) -> [Node; 8] {
     })
 }
 
-/// The direction of `mean`, but at most as far from the direction `own` as [`MOST`] tells.
-fn leant(own: &Vector3<f64>, mean: &Vector3<f64>) -> Vector3<f64> {
+/// The direction of `mean`, but at most as far from the direction `own` as [`MOST`] tells; `own`
+/// where there is no mean.
+pub(super) fn leant(own: &Vector3<f64>, mean: &Vector3<f64>) -> Vector3<f64> {
     let along = mean.dot(own);
     let across = mean - own * along;
     let Some(sideways) = Unit::try_new(across, f64::EPSILON * mean.norm()) else {

@@ -324,7 +324,7 @@ pub static EFFECTS: [EffectSpec; 9] = [
         help: "Velocities relative to the bones decay and even out.",
         keys: DAMPING,
         material: None,
-        usual: Some("rate = \"5 1/s\"\nretardation = \"20 ms\"\n"),
+        usual: Some("rate = \"5 1/s\"\nretardation = \"10 ms\"\n"),
         schema: Schema::Keys(DAMPING),
         values: |effects| {
             let both = [effects.damping?, effects.retardation];

@@ -466,6 +466,8 @@ fn meeting(
     let settings = MeetingSettings {
         thickness,
         over_bone: 1.0,
+        // Bodies hit corners and bounce off in the direction of what they hit.
+        rounding: 0.0,
         // Impulses have the friction.
         friction: 0.0,
         others: true,

@@ -561,7 +561,7 @@ mod tests {
             "frames=80",
             "muscle.0.edge_length='24 mm'",
             "solver=pbd",
-            "solver.pbd.stretch=0.2",
+            "solver.pbd.stretch=0.1",
             "effects.damping=off",
         ];
         let scene = load("press", &changes.map(str::to_owned)).expect("a scene");

@@ -186,6 +186,7 @@ impl Simulation {
         let settings = MeetingSettings {
             thickness: contact.thickness,
             over_bone: OVER_VERTEX,
+            rounding: 1.0,
             friction: contact.friction,
             others: contact.between.muscles,
             bones: contact.between.bones,

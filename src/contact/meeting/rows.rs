@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::super::gap::{Gap, Parts, difference, gap};
+use super::super::rounded::leant;
 use super::lists::{AHEAD, Pair};
 use super::{Key, Meeting, StepMotions};
 
@@ -17,13 +18,15 @@ const PARALLEL: f64 = 1e-2;
 /// Weights, inverse masses and velocities of the corners of a pair.
 type Corners = ([f64; 4], [f64; 4], [Vector3<f64>; 4]);
 
-/// A pair that is pushed apart in this step: C = n.(sum w x) - distance >= 0.
+/// A pair that is pushed apart in this step: C = n.(sum w x) + offset - distance >= 0.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
     parts: Parts,
     corners: [u32; 4],
     weights: [f64; 4],
     normal: Vector3<f64>,
+    /// What the gap at the start of the step is greater than its height along the normal [m].
+    offset: f64,
     distance: f64,
     /// Sum of the corrections in this step [m].
     push: f64,
@@ -86,7 +89,11 @@ impl Meeting {
             *is_pushed && before.binary_search_by_key(&row.key(), Row::key).is_err()
         });
         if !found.is_empty() {
-            self.rows.extend(found.into_iter().map(|(row, ..)| row));
+            let found: Vec<Row> = found
+                .into_iter()
+                .map(|(row, ..)| self.turned(row))
+                .collect();
+            self.rows.extend(found);
             self.rows.sort_unstable_by_key(Row::key);
         }
     }
@@ -174,6 +181,27 @@ impl Meeting {
         }
     }
 
+    /// The row with the mean direction away from the bone, if it has one: a corner of a bone then slides
+    /// along a surface and is not caught between two of its triangles.
+    fn turned(&self, row: Row) -> Row {
+        let mut away = Vector3::zeros();
+        for (&v, weight) in row.corners.iter().zip(&row.weights) {
+            if v as usize >= self.soft_count
+                && let Some((bone, mean)) = self.mean_normal(v)
+            {
+                away -= bone * mean * *weight;
+            }
+        }
+        let at = row.corners.map(|v| self.start[v as usize]);
+        let normal = leant(&row.normal, &away);
+        let offset = (row.normal - normal).dot(&difference(&at, &row.weights));
+        Row {
+            normal,
+            offset,
+            ..row
+        }
+    }
+
     /// Whether a vertex is among those of its surface, which are ascending.
     fn is_among(&self, vertex: u32, of: &[Vec<u32>]) -> bool {
         let mut each = self.members.iter().zip(of);
@@ -207,6 +235,7 @@ impl Row {
             corners: pair.corners,
             weights: gap.weights,
             normal: gap.normal,
+            offset: 0.0,
             distance: pair.distance,
             push: 0.0,
         }
@@ -215,7 +244,7 @@ impl Row {
     /// The height of the first part over the second one [m].
     fn height(&self, x: &[Point3<f64>]) -> f64 {
         let at = self.corners.map(|v| x[v as usize]);
-        self.normal.dot(&difference(&at, &self.weights))
+        self.normal.dot(&difference(&at, &self.weights)) + self.offset
     }
 
     fn key(&self) -> Key {

@@ -15,6 +15,7 @@ fn settings() -> MeetingSettings {
     MeetingSettings {
         thickness: 2e-3,
         over_bone: 0.5,
+        rounding: 1.0,
         friction: 0.0,
         others: true,
         bones: true,
@@ -264,4 +265,58 @@ fn pushes_of_pairs_keep_the_momentum() {
         "{}",
         (after - before).norm()
     );
+}
+
+/// Presses a free ball to the right onto a bone, a coarse ball that turns by 60 degrees under it. Returns the
+/// mean motion across the pressure, with the turn, relative to the way of the bone's surface.
+fn dragged(rounding: f64) -> f64 {
+    let [bone, mut ball] = two_balls();
+    let surface = Arc::new(Surface::new(&bone));
+    let pose = |step: usize| Isometry3::rotation(Vector3::z() * (step as f64).to_radians());
+    let placed = |step: usize| PosedObstacle {
+        name: "bone".into(),
+        obstacle: surface.clone(),
+        before: pose(step),
+        now: pose(step + 1),
+    };
+    let rest = ball.clone();
+    let mass = vec![1.0; rest.vertices.len()];
+    let member = SoftMember {
+        mesh: &rest,
+        inverse_mass: &mass,
+        obstacles: &[0],
+    };
+    let settings = MeetingSettings {
+        rounding,
+        ..settings()
+    };
+    let mut meeting = Meeting::new(settings, &[member], &[], &[placed(0)], |_| {
+        Some(surface.clone())
+    });
+    for step in 0..60 {
+        let start = ball.vertices.clone();
+        meeting.begin_step(&[&start], &[placed(step)]);
+        ball.vertices.iter_mut().for_each(|x| x.x -= 2e-4);
+        let mut bodies: [&mut [Point3<f64>]; 1] = [&mut ball.vertices];
+        meeting.respond(&mut bodies, None);
+        meeting.hold(&mut bodies, None);
+    }
+    assert!(meeting.take_certificate().pairs > 0);
+    let pushed = |(x, rest): &(&Point3<f64>, &Point3<f64>)| x.x - rest.x > 1e-3 - 60.0 * 2e-4;
+    let across: Vec<f64> = ball
+        .vertices
+        .iter()
+        .zip(&rest.vertices)
+        .filter(pushed)
+        .map(|(x, rest)| x.y - rest.y)
+        .collect();
+    assert!(!across.is_empty());
+    across.iter().sum::<f64>() / across.len() as f64 / (0.1 * 60f64.to_radians())
+}
+
+#[test]
+fn a_bone_that_turns_under_a_surface_does_not_catch_it() {
+    let (mean, nearest) = (dragged(1.0), dragged(0.0));
+    assert!(mean.abs() <= 5e-3, "{mean}");
+    assert!(nearest >= 1e-2, "control: corners catch it: {nearest}");
 }
