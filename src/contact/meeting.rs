@@ -29,7 +29,7 @@ use rayon::prelude::*;
 use super::gap::Parts;
 use super::near_pairs::owned;
 use super::patches::{Motion, split};
-use super::rounded::MeanNormals;
+use super::rounded::{MOST, MeanNormals};
 use super::surface::Surface;
 use super::{Obstacle, PosedObstacle};
 use crate::mesh::TriangleMesh;
@@ -66,6 +66,9 @@ const KEPT: f64 = 0.1;
 /// what can be seen.
 const FLOOR: f64 = 1e-4;
 
+/// A cosine that is greater than the least one by more than this is greater.
+const ROUNDING: f64 = 1e-12;
+
 /// Which surfaces meet, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeetingSettings {
@@ -73,8 +76,8 @@ pub struct MeetingSettings {
     pub thickness: f64,
     /// Distance kept between an edge or vertex of a bone and a muscle, relative to the thickness.
     pub over_bone: f64,
-    /// Radius over which the direction away from a bone is a mean, relative to the median edge; 0 for
-    /// the direction from the nearest point.
+    /// Radius over which the direction away from a bone is a mean, relative to the median edge of the
+    /// surface with the shortest ones; 0 for the direction from the nearest point.
     pub rounding: f64,
     /// Coefficient of Coulomb friction between soft surfaces.
     pub friction: f64,
@@ -453,16 +456,23 @@ impl Member {
     }
 }
 
-/// The mean direction away from a surface over `radius` [m], at each of its vertices; none for 0.
+/// The mean direction away from a surface over `radius` [m], at each of its vertices; none for 0. It is
+/// zero where it would lean farther from that of the vertex than a mean may: at a thin blade, and on a
+/// surface that is inside out.
 fn mean_normals(surface: &Surface, radius: f64) -> Vec<Vector3<f64>> {
     if !(radius > 0.0) {
         return Vec::new();
     }
     let each = surface.positions().par_iter();
-    let at: Vec<_> = each
-        .filter_map(|x| Some((*x, surface.closest(x)?)))
-        .collect();
-    MeanNormals::new(surface, radius).at(surface, &at)
+    let at: Option<Vec<_>> = each.map(|x| Some((*x, surface.closest(x)?))).collect();
+    let Some(at) = at else { return Vec::new() };
+    let mut means = MeanNormals::new(surface, radius).at(surface, &at);
+    for (mean, (_, own)) in means.iter_mut().zip(&at) {
+        if !(mean.dot(&own.normal) > MOST + ROUNDING) {
+            *mean = Vector3::zeros();
+        }
+    }
+    means
 }
 
 /// The patches of all members with the vertices `x` [m].

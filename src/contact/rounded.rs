@@ -14,7 +14,7 @@ use crate::mesh::measures::Aabb;
 
 /// Cosine of the greatest angle between the mean direction and that from the nearest point. A plane
 /// that is steeper to the surface lets the vertex sink while it slides.
-const MOST: f64 = 0.5;
+pub(super) const MOST: f64 = 0.5;
 
 /// Number of points of a mean.
 pub(crate) const POINTS: usize = 15;

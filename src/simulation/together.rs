@@ -183,10 +183,15 @@ impl Simulation {
         {
             return None;
         }
+        // The planes of a common minimum have the directions of the gaps, and so must its pushes.
+        let rounding = match members.iter().all(|&b| is_swept(&self.bodies[b])) {
+            true => 1.0,
+            false => 0.0,
+        };
         let settings = MeetingSettings {
             thickness: contact.thickness,
             over_bone: OVER_VERTEX,
-            rounding: 1.0,
+            rounding,
             friction: contact.friction,
             others: contact.between.muscles,
             bones: contact.between.bones,

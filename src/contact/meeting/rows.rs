@@ -21,10 +21,10 @@ type Corners = ([f64; 4], [f64; 4], [Vector3<f64>; 4]);
 /// A pair that is pushed apart in this step: C = n.(sum w x) + offset - distance >= 0.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
-    parts: Parts,
-    corners: [u32; 4],
+    pub parts: Parts,
+    pub corners: [u32; 4],
     weights: [f64; 4],
-    normal: Vector3<f64>,
+    pub normal: Vector3<f64>,
     /// What the gap at the start of the step is greater than its height along the normal [m].
     offset: f64,
     distance: f64,
@@ -182,8 +182,12 @@ impl Meeting {
     }
 
     /// The row with the mean direction away from the bone, if it has one: a corner of a bone then slides
-    /// along a surface and is not caught between two of its triangles.
+    /// along a surface and is not caught between two of its triangles. The vertices of a muscle near a bone have
+    /// planes of their own. A bone that is inside out, or open, has no such direction on one of its sides.
     fn turned(&self, row: Row) -> Row {
+        if !(row.distance > 0.0) {
+            return row;
+        }
         let mut away = Vector3::zeros();
         for (&v, weight) in row.corners.iter().zip(&row.weights) {
             if v as usize >= self.soft_count
@@ -191,6 +195,9 @@ impl Meeting {
             {
                 away -= bone * mean * *weight;
             }
+        }
+        if !(away.dot(&row.normal) > 0.0) {
+            return row;
         }
         let at = row.corners.map(|v| self.start[v as usize]);
         let normal = leant(&row.normal, &away);
@@ -242,7 +249,7 @@ impl Row {
     }
 
     /// The height of the first part over the second one [m].
-    fn height(&self, x: &[Point3<f64>]) -> f64 {
+    pub fn height(&self, x: &[Point3<f64>]) -> f64 {
         let at = self.corners.map(|v| x[v as usize]);
         self.normal.dot(&difference(&at, &self.weights)) + self.offset
     }

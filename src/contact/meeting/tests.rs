@@ -5,6 +5,7 @@ mod certified;
 
 use nalgebra::{Point3, Vector3};
 
+use super::super::gap::gap;
 use super::*;
 use crate::contact::capsule::Capsule;
 use crate::mesh::predicates::intersect;
@@ -269,8 +270,11 @@ fn pushes_of_pairs_keep_the_momentum() {
 
 /// Presses a free ball to the right onto a bone, a coarse ball that turns by 60 degrees under it. Returns the
 /// mean motion across the pressure, with the turn, relative to the way of the bone's surface.
-fn dragged(rounding: f64) -> f64 {
-    let [bone, mut ball] = two_balls();
+fn dragged(rounding: f64, is_inside_out: bool) -> f64 {
+    let [mut bone, mut ball] = two_balls();
+    if is_inside_out {
+        bone.triangles.iter_mut().for_each(|t| t.reverse());
+    }
     let surface = Arc::new(Surface::new(&bone));
     let pose = |step: usize| Isometry3::rotation(Vector3::z() * (step as f64).to_radians());
     let placed = |step: usize| PosedObstacle {
@@ -293,21 +297,30 @@ fn dragged(rounding: f64) -> f64 {
     let mut meeting = Meeting::new(settings, &[member], &[], &[placed(0)], |_| {
         Some(surface.clone())
     });
+    let mut pushed = 0;
     for step in 0..60 {
         let start = ball.vertices.clone();
         meeting.begin_step(&[&start], &[placed(step)]);
         ball.vertices.iter_mut().for_each(|x| x.x -= 2e-4);
         let mut bodies: [&mut [Point3<f64>]; 1] = [&mut ball.vertices];
         meeting.respond(&mut bodies, None);
+        pushed += meeting.pushed();
+        for row in &meeting.rows {
+            // A row begins at its gap, and leans by at most 60 degrees.
+            let at = row.corners.map(|v| meeting.start[v as usize]);
+            let gap = gap(row.parts, &at).expect("parts that are apart");
+            assert!((row.height(&meeting.start) - gap.height).abs() <= 1e-15);
+            assert!(row.normal.dot(&gap.normal) >= 0.5 - 1e-12);
+        }
         meeting.hold(&mut bodies, None);
     }
-    assert!(meeting.take_certificate().pairs > 0);
-    let pushed = |(x, rest): &(&Point3<f64>, &Point3<f64>)| x.x - rest.x > 1e-3 - 60.0 * 2e-4;
+    assert!(pushed >= 50, "{pushed}");
+    let is_pushed = |(x, rest): &(&Point3<f64>, &Point3<f64>)| x.x - rest.x > 1e-3 - 60.0 * 2e-4;
     let across: Vec<f64> = ball
         .vertices
         .iter()
         .zip(&rest.vertices)
-        .filter(pushed)
+        .filter(is_pushed)
         .map(|(x, rest)| x.y - rest.y)
         .collect();
     assert!(!across.is_empty());
@@ -316,7 +329,9 @@ fn dragged(rounding: f64) -> f64 {
 
 #[test]
 fn a_bone_that_turns_under_a_surface_does_not_catch_it() {
-    let (mean, nearest) = (dragged(1.0), dragged(0.0));
+    let (mean, nearest) = (dragged(1.0, false), dragged(0.0, false));
     assert!(mean.abs() <= 5e-3, "{mean}");
     assert!(nearest >= 1e-2, "control: corners catch it: {nearest}");
+    // Inside out a bone has no mean direction away from it.
+    assert_eq!(dragged(1.0, true).to_bits(), dragged(0.0, true).to_bits());
 }

@@ -52,7 +52,7 @@ impl Scene {
         let settings = MeetingSettings {
             thickness,
             over_bone: 0.5,
-            rounding: 1.0,
+            rounding: 0.0,
             friction: 0.0,
             others: true,
             bones: false,
