@@ -24,14 +24,13 @@ mod tests;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
+use super::PosedObstacle;
 use super::gap::Parts;
 use super::near_pairs::owned;
 use super::patches::{Motion, split};
-use super::rounded::{MOST, MeanNormals};
+use super::rounded::mean_normals;
 use super::surface::Surface;
-use super::{Obstacle, PosedObstacle};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::mesh::topology::Topology;
@@ -65,9 +64,6 @@ const KEPT: f64 = 0.1;
 /// Gap that does not shrink further, relative to the thickness: far above rounding, and far below
 /// what can be seen.
 const FLOOR: f64 = 1e-4;
-
-/// A cosine that is greater than the least one by more than this is greater.
-const ROUNDING: f64 = 1e-12;
 
 /// Which surfaces meet, and how.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -386,12 +382,20 @@ impl Meeting {
 
     /// Places a vertex of a bone at the start and at the end of the step.
     fn place(&mut self, vertex: u32) {
+        let at = self.bone_of(vertex).map(|(bone, local)| {
+            let x = bone.surface.positions()[local];
+            (bone.before * x, bone.now * x)
+        });
+        if let Some(at) = at {
+            (self.start[vertex as usize], self.end[vertex as usize]) = at;
+        }
+    }
+
+    /// The bone of a vertex, and the number of the vertex among those of the bone.
+    fn bone_of(&self, vertex: u32) -> Option<(&Bone, usize)> {
         let v = vertex as usize;
         let member = &self.members[self.members.partition_point(|m| m.first <= v) - 1];
-        if let Some(bone) = &member.bone {
-            let x = bone.surface.positions()[v - member.first];
-            (self.start[v], self.end[v]) = (bone.before * x, bone.now * x);
-        }
+        Some((member.bone.as_ref()?, v - member.first))
     }
 
     /// Sets the end of the step, to which the patches make `motions` if these are known, without motion by which a vertex leaves its surroundings. Returns
@@ -417,11 +421,8 @@ impl Meeting {
 
     /// The mean direction away from a bone at a vertex of it, and how the bone lies at the start of the step.
     fn mean_normal(&self, vertex: u32) -> Option<(&UnitQuaternion<f64>, &Vector3<f64>)> {
-        let v = vertex as usize;
-        let member = &self.members[self.members.partition_point(|m| m.first <= v) - 1];
-        let bone = member.bone.as_ref()?;
-        let normal = bone.normals.get(v - member.first)?;
-        Some((&bone.before.rotation, normal))
+        let (bone, local) = self.bone_of(vertex)?;
+        Some((&bone.before.rotation, bone.normals.get(local)?))
     }
 
     fn give_end(&self, bodies: &mut [&mut [Point3<f64>]]) {
@@ -454,25 +455,6 @@ impl Member {
         let v = (v as usize).checked_sub(self.first)?;
         (v < self.count).then_some(v as u32)
     }
-}
-
-/// The mean direction away from a surface over `radius` [m], at each of its vertices; none for 0. It is
-/// zero where it would lean farther from that of the vertex than a mean may: at a thin blade, and on a
-/// surface that is inside out.
-fn mean_normals(surface: &Surface, radius: f64) -> Vec<Vector3<f64>> {
-    if !(radius > 0.0) {
-        return Vec::new();
-    }
-    let each = surface.positions().par_iter();
-    let at: Option<Vec<_>> = each.map(|x| Some((*x, surface.closest(x)?))).collect();
-    let Some(at) = at else { return Vec::new() };
-    let mut means = MeanNormals::new(surface, radius).at(surface, &at);
-    for (mean, (_, own)) in means.iter_mut().zip(&at) {
-        if !(mean.dot(&own.normal) > MOST + ROUNDING) {
-            *mean = Vector3::zeros();
-        }
-    }
-    means
 }
 
 /// The patches of all members with the vertices `x` [m].

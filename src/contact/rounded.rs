@@ -9,12 +9,16 @@ use std::collections::{BTreeSet, HashMap};
 use nalgebra::{Point3, Unit, Vector3};
 use rayon::prelude::*;
 
+use super::surface::Surface;
 use super::{Obstacle, Projection};
 use crate::mesh::measures::Aabb;
 
 /// Cosine of the greatest angle between the mean direction and that from the nearest point. A plane
 /// that is steeper to the surface lets the vertex sink while it slides.
-pub(super) const MOST: f64 = 0.5;
+const MOST: f64 = 0.5;
+
+/// Bound on the rounding of the cosine of an angle between two directions.
+const ROUNDING: f64 = 1e-12;
 
 /// Number of points of a mean.
 pub(crate) const POINTS: usize = 15;
@@ -133,6 +137,25 @@ impl MeanNormals {
     }
 }
 
+/// The mean direction away from a surface over `radius` [m], at each of its vertices; none for 0. It is
+/// zero where it would lean farther from that of the vertex than a mean may: at a thin blade, and on a
+/// surface that is inside out.
+pub(super) fn mean_normals(surface: &Surface, radius: f64) -> Vec<Vector3<f64>> {
+    if !(radius > 0.0) {
+        return Vec::new();
+    }
+    let each = surface.positions().par_iter();
+    let at: Option<Vec<_>> = each.map(|x| Some((*x, surface.closest(x)?))).collect();
+    let Some(at) = at else { return Vec::new() };
+    let mut means = MeanNormals::new(surface, radius).at(surface, &at);
+    for (mean, (_, own)) in means.iter_mut().zip(&at) {
+        if !(mean.dot(&own.normal) > MOST + ROUNDING) {
+            *mean = Vector3::zeros();
+        }
+    }
+    means
+}
+
 /// The corners of a cell; bit `a` of the number of a corner is its place along axis `a`.
 fn corners(cell: Node) -> [Node; 8] {
     std::array::from_fn(|k| {
@@ -157,7 +180,6 @@ pub(super) fn leant(own: &Vector3<f64>, mean: &Vector3<f64>) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contact::Surface;
     use crate::mesh::TriangleMesh;
     use crate::testing::Draw;
 

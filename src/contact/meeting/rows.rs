@@ -182,8 +182,8 @@ impl Meeting {
     }
 
     /// The row with the mean direction away from the bone, if it has one: a corner of a bone then slides
-    /// along a surface and is not caught between two of its triangles. The vertices of a muscle near a bone have
-    /// planes of their own. A bone that is inside out, or open, has no such direction on one of its sides.
+    /// along a surface and is not caught between two of its triangles. The vertices of a muscle near a
+    /// bone have planes of their own. A bone that is open has no such direction on its inner side.
     fn turned(&self, row: Row) -> Row {
         if !(row.distance > 0.0) {
             return row;
