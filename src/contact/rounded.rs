@@ -9,6 +9,7 @@ use std::collections::{BTreeSet, HashMap};
 use nalgebra::{Point3, Unit, Vector3};
 use rayon::prelude::*;
 
+#[cfg(feature = "contact")]
 use super::surface::Surface;
 use super::{Obstacle, Projection};
 use crate::mesh::measures::Aabb;
@@ -140,6 +141,7 @@ impl MeanNormals {
 /// The mean direction away from a surface over `radius` [m], at each of its vertices; none for 0. It is
 /// zero where it would lean farther from that of the vertex than a mean may: at a thin blade, and on a
 /// surface that is inside out.
+#[cfg(feature = "contact")]
 pub(super) fn mean_normals(surface: &Surface, radius: f64) -> Vec<Vector3<f64>> {
     if !(radius > 0.0) {
         return Vec::new();
