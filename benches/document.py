@@ -71,6 +71,7 @@ COMMANDS = {
     "pose": PEERS + ["--bin", "pose"],
     "peers-read": PEERS + ["--bin", "read"],
     "readers": None,
+    "pbd": [sys.executable, "benches/peers/pbd.py"],
     "viewer": bench("viewer"),
 }
 
