@@ -30,6 +30,9 @@ const ROUNDS: usize = 8;
 const SWEEPS: usize = 12;
 const NEARLY: f64 = 0.02;
 
+/// Number of triangles that are tested in about the time of a step of one vertex.
+const OF_A_STEP: usize = 16;
+
 /// Counts of one muscle's contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
@@ -53,6 +56,8 @@ pub struct Contacts {
     vertices: Vec<VertexContacts>,
     triangles: Vec<TriangleContacts>,
     surface: Surface,
+    /// Mean edge of the surface as it was built [m].
+    edge: f64,
     thickness: f64,
     friction: f64,
     /// Bound on the motion of every vertex relative to each obstacle since the beginning [m].
@@ -96,12 +101,13 @@ impl Contacts {
         near: impl Fn(usize) -> Option<&'a [Option<Projection>]>,
     ) -> Self {
         let (free, x) = (free(particles).collect::<Vec<u32>>(), &particles.position);
-        let sizes = (thickness, surface.mean_edge());
+        let edge = surface.mean_edge();
+        let sizes = (thickness, edge);
         let vertices = |&o: &usize| VertexContacts::new(&placed[o], &free, x, sizes, near(o));
         let vertices = obstacles.iter().map(vertices).collect();
         let triangles = obstacles
             .iter()
-            .map(|&o| TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX))
+            .map(|&o| of_triangles(&placed[o], sizes))
             .collect();
         surface.refit(x);
         Self {
@@ -110,6 +116,7 @@ impl Contacts {
             vertices,
             triangles,
             surface,
+            edge,
             thickness,
             friction,
             start: particles.position.clone(),
@@ -147,8 +154,7 @@ impl Contacts {
                 .get(k)
                 .filter(|_| thickness != self.thickness)
             {
-                next.triangles[k] =
-                    TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX);
+                next.triangles[k] = of_triangles(&placed[o], (thickness, self.edge));
                 next.triangles[k].lookups = old.lookups;
             }
         }
@@ -176,6 +182,12 @@ impl Contacts {
     /// Indices of the obstacles.
     pub fn obstacles(&self) -> &[usize] {
         &self.obstacles
+    }
+
+    /// The work of points against triangles since the last call, in steps of a vertex.
+    pub fn take_work(&mut self) -> usize {
+        let each = self.triangles.iter_mut();
+        each.map(|t| std::mem::take(&mut t.tested)).sum::<usize>() / OF_A_STEP
     }
 
     /// Stores the positions at the beginning of a step.
@@ -246,7 +258,7 @@ impl Contacts {
     ) {
         let has_looked = self.triangles.iter().any(TriangleContacts::has_looked);
         let since = if has_looked {
-            greatest_distance(x, self.surface.positions().iter().copied())
+            self.surface.farthest(x)
         } else {
             0.0
         };
@@ -368,7 +380,10 @@ impl Contacts {
                 origin: plane.origin,
                 distance: self.thickness,
             });
-        let active = self.triangles.iter().flat_map(|c| &c.active);
+        let active = self
+            .triangles
+            .iter()
+            .flat_map(TriangleContacts::last_active);
         let triangles = active.map(|plane| ContactPlane {
             // The fourth one repeats a vertex without weight.
             terms: std::array::from_fn(|k| match k {
@@ -469,12 +484,8 @@ impl Contacts {
             return true;
         }
         self.surface.refit(x);
-        let mut points = self
-            .triangles
-            .iter_mut()
-            .zip(&self.obstacles)
-            .zip(&self.motion_bound);
-        points.all(|((c, &o), motion_bound)| c.is_clear(&placed[o], &self.surface, *motion_bound))
+        let mut points = self.triangles.iter_mut().zip(&self.obstacles);
+        points.all(|(c, &o)| c.is_clear(&placed[o], &self.surface))
     }
 
     /// Root mean square shortfall of the distances to the contact planes [m].
@@ -551,6 +562,7 @@ impl State for Contacts {
             vertices,
             triangles,
             surface,
+            edge: _,
             thickness: _,
             friction: _,
             motion_bound,
@@ -585,6 +597,11 @@ impl State for Contacts {
         self.calls = from.take()?;
         Ok(())
     }
+}
+
+/// Contact of an obstacle's points with triangles; `sizes` are the contact thickness and a mean edge [m].
+fn of_triangles(placed: &PosedObstacle, sizes: (f64, f64)) -> TriangleContacts {
+    TriangleContacts::new(&*placed.obstacle, sizes.0 * OVER_VERTEX, sizes.1)
 }
 
 /// The vertices with positive inverse mass.

@@ -14,7 +14,7 @@ use super::nearest::{on_triangle, point_at};
 use super::{Obstacle, Projection};
 use crate::mesh::TriangleMesh;
 use crate::mesh::inside::crossing;
-use crate::mesh::measures::Aabb;
+use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::state::{DecodeError, Reader, State, Writer};
 
 /// A triangle surface in a bounding volume hierarchy.
@@ -149,6 +149,12 @@ impl Surface {
         (each * 4.0 / 3f64.sqrt()).sqrt()
     }
 
+    /// Greatest distance of positions `x` from those of the last refit [m].
+    pub fn farthest(&self, x: &[Point3<f64>]) -> f64 {
+        let each = x.iter().zip(self.positions());
+        max_or_nan(each.map(|(x, o)| (x - o).norm_squared())).sqrt()
+    }
+
     /// Sets new positions; the hierarchy keeps its structure and updates its boxes.
     pub fn refit(&mut self, positions: &[Point3<f64>]) {
         self.faces.mesh.vertices.copy_from_slice(positions);
@@ -247,8 +253,8 @@ impl Surface {
     }
 
     /// The winding number of the surface at `point`, exact. `x` are its positions, none farther
-    /// than `moved` [m] from the position at the last refit.
-    pub fn winds_about(&self, point: &Point3<f64>, x: &[Point3<f64>], moved: f64) -> i32 {
+    /// than `moved` [m] from the position at the last refit. With the number of triangles that it took.
+    pub fn winds_about(&self, point: &Point3<f64>, x: &[Point3<f64>], moved: f64) -> (i32, usize) {
         // All triangles that the ray from the point along +x can hit.
         let slack = Glam::new(moved, moved, moved);
         let mut far = glam(point);
@@ -257,7 +263,7 @@ impl Surface {
         self.bvh
             .intersect_aabb(&ray)
             .map(|t| crossing(point, &self.faces.corners(t, x)))
-            .sum()
+            .fold((0, 0), |(sum, tested), by| (sum + by, tested + 1))
     }
 
     /// The nearest of the triangles `among`, for positions `x` that can be newer than the last
@@ -387,7 +393,7 @@ mod tests {
                     continue;
                 }
                 let point = Point3::from(by + out * share);
-                let found = surface.winds_about(&point, &x, 0.4);
+                let (found, _) = surface.winds_about(&point, &x, 0.4);
                 assert_eq!(found, i32::from(share < 0.9), "{by} {point}");
                 inside += found;
             }

@@ -1,5 +1,7 @@
 //! Contact of the vertices of one obstacle with the triangles of a muscle.
 
+use std::collections::HashSet;
+
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -13,16 +15,18 @@ use crate::mesh::measures::max_or_nan;
 use crate::particles::Particles;
 use crate::state::{DecodeError, Reader, Value, Writer};
 
-/// A bone vertex farther from the muscle than this is inactive, in contact thicknesses.
-const NEAR: f64 = 6.0;
+/// A bone vertex farther from the muscle than this is inactive, in contact thicknesses. A half of it must
+/// be at least one.
+const NEAR: [f64; 2] = [2.0, 6.0];
 
 /// Below this distance from the surface, in contact thicknesses, the pseudo-normal alone decides on
 /// the side of a point.
 const DOUBT: f64 = 0.4;
 
-/// Motion during which an active vertex needs no new query, in contact thicknesses: a greater value
-/// makes its list of triangles longer.
+/// Motion during which an active vertex needs no new query, in contact thicknesses, and the most of it in
+/// mean edges: a greater value makes its list of triangles longer.
 const MARGIN: f64 = 6.0;
+const MOST_EDGES: f64 = 2.0;
 
 /// A due query triggers others that are due within this motion, in contact thicknesses: this saves
 /// refits.
@@ -58,19 +62,24 @@ pub(super) struct TriangleContacts {
     /// Contact planes that moved triangles in this step.
     pub active: Vec<TriangleContact>,
     thickness: f64,
+    /// A bone vertex farther from the muscle than this is inactive [m].
+    near: f64,
+    /// Motion during which an active vertex needs no new query [m].
+    margin: f64,
     /// Vertices with a query in this step, with the motion of the surface since the last refit for
     /// which the result is valid. They need no other query until the end of the step: their
     /// distance to the surface is known exactly, and the sum of motion only within twice the motion
     /// of the step.
     looked: Vec<(u32, f64)>,
-    /// Sum of motion at the last refit of the surface.
-    refitted: f64,
     /// Number of queries.
     pub lookups: u64,
+    /// Number of triangles that projections have tested, for a budget of work.
+    pub tested: usize,
 }
 
 impl TriangleContacts {
-    pub fn new(obstacle: &dyn Obstacle, thickness: f64) -> Self {
+    /// Contact within `thickness` [m] with a surface whose edges are about `edge` [m] long.
+    pub fn new(obstacle: &dyn Obstacle, thickness: f64, edge: f64) -> Self {
         let wake = vec![f64::NEG_INFINITY; obstacle.contact_samples().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
         let nearest = vec![u32::MAX; wake.len()];
@@ -81,9 +90,13 @@ impl TriangleContacts {
             watched: Vec::new(),
             active: Vec::new(),
             thickness,
+            near: (NEAR[1] * thickness)
+                .min(MOST_EDGES * edge)
+                .max(NEAR[0] * thickness),
+            margin: (MARGIN * thickness).min(MOST_EDGES * edge),
             looked: Vec::new(),
-            refitted: 0.0,
             lookups: 0,
+            tested: 0,
         }
     }
 
@@ -108,7 +121,6 @@ impl TriangleContacts {
         motion_bound: MotionBound,
         since: f64,
     ) {
-        self.refitted = motion_bound.at_least;
         let points = placed.obstacle.contact_samples();
         // Queries that are due soon happen now, since the refit is already paid for.
         let early = EARLY * self.thickness;
@@ -150,7 +162,7 @@ impl TriangleContacts {
         surface: &Surface,
         motion_bound: MotionBound,
     ) -> Found {
-        let near = NEAR * self.thickness;
+        let near = self.near;
         let p = placed.now * placed.obstacle.contact_samples()[k as usize];
         let triangle = self.nearest[k as usize];
         let asleep = |triangle, distance: f64| {
@@ -177,19 +189,14 @@ impl TriangleContacts {
         let Some(on) = surface.nearest_below(&p, known) else {
             return asleep(triangle, f64::MAX);
         };
-        let sign = self.side(
-            k,
-            &p,
-            on.closest.distance,
-            surface,
-            surface.positions(),
-            motion_bound,
-        );
+        let sign = self.side(k, on.closest.distance, motion_bound, || {
+            surface.winds_about(&p, surface.positions(), 0.0).0
+        });
         let distance = sign * on.closest.distance.abs();
         if distance > near {
             return asleep(on.triangle, distance);
         }
-        let margin = (distance.abs() / 2.0).max(MARGIN * self.thickness);
+        let margin = (distance.abs() / 2.0).max(self.margin);
         let mut triangles = Vec::new();
         surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
         Found {
@@ -221,6 +228,9 @@ impl TriangleContacts {
     ) -> f64 {
         let points = placed.obstacle.contact_samples();
         let mut largest = 0.0_f64;
+        // How far the surface has moved since its last refit [m], as soon as that is needed.
+        let mut moved = None;
+        let mut rays = 0;
         for watched in &self.watched {
             let (before, at) = self.last[watched.point as usize];
             if before - (motion_bound.at_most - at) >= self.thickness {
@@ -228,17 +238,17 @@ impl TriangleContacts {
             }
             let p = placed.now * points[watched.point as usize];
             let likely = self.nearest[watched.point as usize];
+            self.tested += watched.triangles.len() / 4;
             let found = surface.nearest_among(&p, &watched.triangles, likely, &particles.position);
             let Some(mut on) = found else { continue };
             self.nearest[watched.point as usize] = on.triangle;
-            let sign = self.side(
-                watched.point,
-                &p,
-                on.closest.distance,
-                surface,
-                &particles.position,
-                motion_bound,
-            );
+            let sign = self.side(watched.point, on.closest.distance, motion_bound, || {
+                let x = &particles.position;
+                let moved = moved.get_or_insert_with(|| surface.farthest(x));
+                let (winding, tested) = surface.winds_about(&p, x, *moved);
+                rays += tested;
+                winding
+            });
             if sign * on.closest.distance < 0.0 {
                 on.closest.distance = -on.closest.distance;
                 on.closest.normal = -on.closest.normal;
@@ -265,11 +275,15 @@ impl TriangleContacts {
             // several sweeps.
             let c = c.max(-self.thickness);
             for ((v, g), w) in contact.points.into_iter().zip(gradient).zip(w) {
-                particles.position[v as usize] -= g * (w * c / weight);
+                let x = &mut particles.position[v as usize];
+                *x -= g * (w * c / weight);
+                moved = moved
+                    .map(|moved: f64| moved.max((*x - surface.positions()[v as usize]).norm()));
             }
             largest = largest.max(-c);
             self.active.push(contact);
         }
+        self.tested += rays;
         largest
     }
 
@@ -282,11 +296,9 @@ impl TriangleContacts {
     fn side(
         &self,
         point: u32,
-        p: &Point3<f64>,
         distance: f64,
-        surface: &Surface,
-        x: &[Point3<f64>],
         motion_bound: MotionBound,
+        winding: impl FnOnce() -> i32,
     ) -> f64 {
         let (before, at) = self.last[point as usize];
         let kept = before > 0.0 && before + distance.abs() > motion_bound.at_most - at;
@@ -299,22 +311,11 @@ impl TriangleContacts {
         if distance.abs() <= DOUBT * self.thickness {
             return distance.signum();
         }
-        if surface.winds_about(p, x, motion_bound.at_most - self.refitted) == 0 {
-            1.0
-        } else {
-            -1.0
-        }
+        if winding() == 0 { 1.0 } else { -1.0 }
     }
 
-    /// True if no active point is inside the muscle, by exact winding numbers on a surface that was
-    /// refitted after a sum of motion of `travel` [m].
-    pub fn is_clear(
-        &mut self,
-        placed: &PosedObstacle,
-        surface: &Surface,
-        motion_bound: f64,
-    ) -> bool {
-        self.refitted = motion_bound;
+    /// True if no active point is inside the muscle, by exact winding numbers on a refitted surface.
+    pub fn is_clear(&mut self, placed: &PosedObstacle, surface: &Surface) -> bool {
         // The surface was refitted; its earlier motion is unknown.
         self.looked
             .drain(..)
@@ -324,8 +325,21 @@ impl TriangleContacts {
             let p = placed.now * points[w.point as usize];
             let (before, _) = self.last[w.point as usize];
             let doubtful = before < 2.0 * self.thickness;
-            !doubtful || surface.winds_about(&p, surface.positions(), 0.0) == 0
+            !doubtful || surface.winds_about(&p, surface.positions(), 0.0).0 == 0
         })
+    }
+
+    /// The last contact of each point that moved triangles in this step. A point moves them in several sweeps,
+    /// and each row of a minimum costs a factor.
+    pub fn last_active(&self) -> Vec<&TriangleContact> {
+        let bits = |contact: &TriangleContact| contact.origin.coords.map(f64::to_bits);
+        let mut seen = HashSet::new();
+        let newest = self.active.iter().rev();
+        let mut last: Vec<_> = newest
+            .filter(|contact| seen.insert(bits(contact)))
+            .collect();
+        last.reverse();
+        last
     }
 
     fn contact(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
@@ -406,9 +420,11 @@ impl TriangleContacts {
             watched,
             active,
             thickness: _,
+            near: _,
+            margin: _,
             looked,
-            refitted,
             lookups,
+            tested: _,
         } = self;
         to.list(wake);
         to.list(last);
@@ -416,7 +432,7 @@ impl TriangleContacts {
         to.list(watched);
         to.list(active);
         to.list(looked);
-        to.put(&(*refitted, *lookups));
+        to.put(lookups);
     }
 
     /// Restores the state of contact with `surface`.
@@ -451,7 +467,7 @@ impl TriangleContacts {
             self.looked.iter().all(|&(k, _)| is_point(k)),
             "a lookup of no point",
         )?;
-        (self.refitted, self.lookups) = from.take()?;
+        self.lookups = from.take()?;
         Ok(())
     }
 }

@@ -23,7 +23,7 @@ use crate::state::{DecodeError, Hash, Reader, State, Writer};
 const MAGIC: &[u8; 8] = b"PLIANTCP";
 
 /// Format version, to be incremented whenever the meaning of bytes changes.
-const FORMAT: u32 = 10;
+const FORMAT: u32 = 11;
 
 /// Version of the crate that wrote a checkpoint: other versions can compute other bits.
 const CRATE: &str = env!("CARGO_PKG_VERSION");

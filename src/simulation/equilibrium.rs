@@ -292,6 +292,7 @@ impl ContactFilter for Bones<'_> {
         self.contacts.begin_step(start);
         self.scratch.position.copy_from_slice(x);
         self.contacts.project(&self.placed, self.scratch);
+        self.stop.spend(self.contacts.take_work());
         x.copy_from_slice(&self.scratch.position);
     }
 

@@ -372,7 +372,7 @@ impl Stop<'_> {
     }
 
     /// Notes steps, times vertices.
-    fn spend(self, steps: usize) {
+    pub(super) fn spend(self, steps: usize) {
         self.done.fetch_add(steps as u64, Ordering::Relaxed);
     }
 

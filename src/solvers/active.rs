@@ -8,8 +8,9 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Point3, Vector3};
 
+use super::dense::DenseFactor;
 use super::history::Field;
 use super::unknowns::{Laplacian, Unknowns};
 use crate::contact::ContactPlane;
@@ -76,11 +77,8 @@ impl Touched {
     ) -> Active {
         self.learn(&rows, laplacian, unknowns);
         rows.retain(|row| self.knows(row));
-        let factor = self.matrix(&rows).cholesky();
-        Active {
-            factor: factor.filter(|_| !rows.is_empty()),
-            rows,
-        }
+        let factor = DenseFactor::new(&self.matrix(&rows));
+        Active { factor, rows }
     }
 
     /// The rows that hold against `force` [N]: those that push in the
@@ -100,13 +98,10 @@ impl Touched {
         let lack: Vec<f64> = rows.iter().map(|row| -row.along(&pull)).collect();
         let reactions = complementary(&matrix, &lack);
         let pushing: Vec<usize> = (0..rows.len()).filter(|&i| reactions[i] > 0.0).collect();
-        let factor = matrix
-            .select_rows(&pushing)
-            .select_columns(&pushing)
-            .cholesky();
+        let chosen = matrix.select_rows(&pushing).select_columns(&pushing);
         Active {
             rows: pushing.iter().map(|&i| rows[i]).collect(),
-            factor: factor.filter(|_| !pushing.is_empty()),
+            factor: DenseFactor::new(&chosen),
         }
     }
 
@@ -202,7 +197,7 @@ impl Touched {
 #[derive(Default)]
 pub struct Active {
     rows: Vec<ContactPlane>,
-    factor: Option<Cholesky<f64, Dyn>>,
+    factor: Option<DenseFactor>,
 }
 
 impl Active {

@@ -8,6 +8,7 @@ use super::history::{Field, add_scaled, dot};
 use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
 use crate::contact::ContactPlane;
+use crate::mesh::measures::{Aabb, max_or_nan};
 use crate::rest::all_within;
 use crate::state::{DecodeError, Reader, Value, Writer};
 
@@ -16,6 +17,10 @@ const SUFFICIENT: f64 = 1e-4;
 
 /// Greatest number of halvings of a step.
 const HALVINGS: u32 = 30;
+
+/// Farthest that a vertex moves in one step, relative to the diagonal of the box around all of them. A
+/// matrix that is nearly singular gives directions that leave every scene.
+const FARTHEST: f64 = 0.5;
 
 /// Relative error of a volume that is rounding.
 pub(super) const ROUNDED: f64 = 64.0 * f64::EPSILON;
@@ -464,7 +469,13 @@ impl DescentProblem {
         }
         // Below this, differences of energy are rounding error; then the slope decides.
         let rounding = 16.0 * f64::EPSILON * state.magnitude;
-        let mut length = 1.0;
+        let far = FARTHEST * Aabb::of_points(x).extents().norm();
+        let moved = max_or_nan(direction.iter().map(|d| d.norm()));
+        let mut length = if far > 0.0 && moved > far {
+            far / moved
+        } else {
+            1.0
+        };
         for _ in 0..HALVINGS {
             let mut end: Vec<Point3<f64>> = x
                 .iter()

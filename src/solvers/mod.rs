@@ -13,6 +13,8 @@
 #[cfg(feature = "sparse")]
 mod active;
 #[cfg(feature = "sparse")]
+mod dense;
+#[cfg(feature = "sparse")]
 pub(crate) mod descent;
 pub(crate) mod energy;
 pub(crate) mod grip;

@@ -16,6 +16,7 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Vector3};
 
 use super::active::{RIDGE, complementary};
+use super::dense::DenseFactor;
 use super::descent::{ContactFilter, DescentOutcome, DescentProblem, DescentSettings, State};
 use super::energy::Energy;
 use super::history::{Field, add_scaled};
@@ -270,7 +271,7 @@ fn reactions(joined: &[Joined], x: &[Point3<f64>], free: &[Vector3<f64>]) -> Vec
     let chosen = matrix.select_rows(&pushing).select_columns(&pushing);
     let mut exact = chosen.clone();
     exact.set_diagonal(&own.select_rows(&pushing));
-    if let Some(factor) = exact.cholesky().or_else(|| chosen.cholesky()) {
+    if let Some(factor) = DenseFactor::new(&exact).or_else(|| DenseFactor::new(&chosen)) {
         let right = DVector::from_iterator(pushing.len(), pushing.iter().map(|&i| lack[i]));
         let exact = factor.solve(&right);
         let each = pushing.iter().zip(exact.iter());

@@ -448,7 +448,7 @@ fn p44_other_versions_and_other_scenes_are_refused_by_name() {
     older[8] = 0;
     let text = Checkpoint::open(&seal(older)).unwrap_err().to_string();
     assert!(
-        text.contains("(format 0)") && text.contains("(format 10)"),
+        text.contains("(format 0)") && text.contains("(format 11)"),
         "{text}"
     );
     // A longer run counts as the same run; a shorter run lacks the frame.

@@ -7,7 +7,7 @@ use pliant::constraints::{
 };
 use pliant::constraints::{ForEachKind, Spec};
 use pliant::contact::ContactPlane;
-use pliant::mesh::measures::volume;
+use pliant::mesh::measures::{Aabb, volume};
 use pliant::mesh::shapes::make;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::solvers::{
@@ -556,6 +556,48 @@ fn parts_that_push_each_other_share_the_load_by_their_stiffness() {
     let found = newton.solve(&mut past, &mut NoContact, |_, _| true);
     assert!(found.expect("held").converged);
     assert!((past[2].y - 0.5).abs() <= 1e-12, "{}", past[2].y);
+}
+
+/// The greatest motion of a trial, relative to the diagonal of the box around where it began.
+struct Farthest(f64);
+
+impl ContactFilter for Farthest {
+    fn planes(&self) -> Vec<ContactPlane> {
+        Vec::new()
+    }
+    fn touching(&self) -> f64 {
+        0.0
+    }
+    fn push(&mut self, start: &[Point3<f64>], x: &mut [Point3<f64>]) {
+        let size = Aabb::of_points(start).extents().norm();
+        self.0 = worst([self.0, apart(start, x) / size]);
+    }
+    fn accept(&mut self, _: &[Point3<f64>]) {}
+}
+
+/// A spring of 1 m carries 10,000 times the force that would double its length. The first direction is as long.
+#[test]
+fn no_trial_leaves_the_scene() {
+    let mut x = [Point3::origin(), Point3::new(0.0, 0.0, -1.0)];
+    let spring = Distance {
+        points: [0, 1],
+        rest: 1.0,
+    };
+    let energy = Energy {
+        elastic: vec![Box::new(Quadratic::<_, 2>::new(vec![spring], vec![1e-3]))],
+        forces: vec![Vector3::zeros(), Vector3::new(0.0, 0.0, -10.0)],
+        ..Energy::default()
+    };
+    let settings = DescentSettings {
+        tolerance: 1e-9,
+        iterations: 200,
+    };
+    let mut solver = QuasiStatic::new(energy, &x, &[0.0, 1.0], settings).expect("one end is held");
+    let mut trials = Farthest(0.0);
+    let outcome = solver.solve(&mut x, &mut trials, |_, _| true);
+    assert!(outcome.converged, "{outcome:?}");
+    assert!((x[1].z + 10_001.0).abs() <= 1e-4, "{x:?}");
+    assert!(trials.0 > 0.4 && trials.0 <= 0.5 + 1e-9, "{}", trials.0);
 }
 
 #[test]

@@ -36,8 +36,8 @@ Each case multiplies one to four numbers of the scene by factors on a logarithmi
 materials, effects and solvers, sizes of meshes, the width and the speed of motions. Every second case
 stays within a decade around the scene and moves at most as far, the others within three. Some cases have
 another solver, lack an effect, stand still, or have a mesh with needles, with flat triangles, or in other
-units. A scene of muscles runs its whole motion in --frames frames, with as many steps as it needs. A case
-whose --work is spent ends there, and counts as not converged.
+units. A scene of muscles runs its whole motion in --frames frames, with as many steps as it needs. The
+scene without changes runs first. A case whose --work is spent ends there, and counts as not converged.
 
 A finding is a case that ends in another way: a panic, a number that is not finite, crossings although no
 pair is open, a volume lost in a converged frame, other bits by other threads (of every eighth case),
@@ -60,9 +60,10 @@ pub(super) struct Arguments {
     /// Greatest number of frames of a case of muscles
     #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: u32,
-    /// The greatest work of a case of muscles, in millions of steps of vertices
-    #[arg(long, value_name = "MILLIONS", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    work: u32,
+    /// The greatest work of a case of muscles, in millions of steps of vertices [default: twice that of the
+    /// scene without changes, at least 20]
+    #[arg(long, value_name = "MILLIONS", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    work: Option<u32>,
     /// The longest time of a case [s]
     #[arg(long, value_name = "SECONDS", default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..=86_400))]
     limit: u32,
@@ -95,6 +96,22 @@ const CONVERGE: f64 = 0.9;
 /// Of this number of cases in a row other threads compute one as well.
 const TWINS: usize = 8;
 
+const MILLION: u64 = 1_000_000;
+
+/// The least budget of work of a case, and its multiple of the work of the scene without changes, whose
+/// end says whether it is known. A case with other numbers takes more steps than the scene.
+const LEAST_WORK: u64 = 20 * MILLION;
+const TIMES_ITS_WORK: u64 = 2;
+
+fn budget(unchanged: &Ended, work: u64) -> u64 {
+    match unchanged {
+        Ended::Found(_) | Ended::Interrupted => LEAST_WORK,
+        _ => (TIMES_ITS_WORK * work)
+            .next_multiple_of(MILLION)
+            .max(LEAST_WORK),
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping after these cases");
@@ -125,18 +142,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
                 .any(|folder| file.starts_with(folder))
     };
     let folder = Folder::open_keeping(&path, &keep)?;
-    let trial = Trial {
+    let mut trial = Trial {
         load: &with,
         make: Simulation::new,
-        most_work: u64::from(arguments.work) * 1_000_000,
+        most_work: arguments
+            .work
+            .map_or(u64::MAX, |work| u64::from(work) * MILLION),
         longest: Duration::from_secs(arguments.limit.into()),
         stop: &stop,
     };
+    let (unchanged, work) = trial.measured(drawing.common(), Examined::default());
+    if arguments.work.is_none() {
+        trial.most_work = budget(&unchanged, work);
+    }
     let campaign = Campaign {
         arguments,
         text: &text,
         drawing,
         meshes,
+        of_muscles: matches!(scene, Content::Muscles(_)),
+        unchanged,
         trial,
         folder: &folder,
         contents: Mutex::default(),
@@ -156,6 +181,10 @@ struct Campaign<'a, 'b> {
     drawing: Drawing,
     /// Meshes as read [m], of muscles by their numbers.
     meshes: Vec<(usize, TriangleMesh)>,
+    /// Whether the scene is one of muscles, whose work is measured.
+    of_muscles: bool,
+    /// How the scene ends without changes.
+    unchanged: Ended,
     trial: Trial<'b>,
     folder: &'a Folder,
     contents: Mutex<Contents>,
@@ -215,7 +244,7 @@ impl Campaign<'_, '_> {
         }
         let examined = self.examined(&case);
         let file = format!("{CASES}/{}-{number}.json", self.arguments.seed);
-        let key = json!([self.key(&case), self.arguments.limit, self.arguments.work]);
+        let key = json!([self.key(&case), self.arguments.limit, self.trial.most_work]);
         if let Some((ended, needed)) = read(&self.folder.path().join(&file), &key) {
             return Ok(Some(Row {
                 case,
@@ -245,7 +274,7 @@ impl Campaign<'_, '_> {
 
     /// What is to be known of the scene without changes: usual cases converge no better than it does.
     fn note(&self) -> Option<String> {
-        let unchanged = self.trial.run(self.drawing.common(), Examined::default());
+        let Self { unchanged, .. } = self;
         (!unchanged.why().is_empty()).then(|| {
             format!(
                 "without changes the scene itself ends as {}: {}",
@@ -253,6 +282,15 @@ impl Campaign<'_, '_> {
                 unchanged.why()
             )
         })
+    }
+
+    fn said_budget(&self) -> String {
+        let millions = self.trial.most_work / MILLION;
+        if self.of_muscles {
+            format!("The work of a case is at most {millions} million steps of vertices.\n")
+        } else {
+            String::new()
+        }
     }
 
     fn examined(&self, case: &Case) -> Examined {
@@ -383,7 +421,7 @@ impl Campaign<'_, '_> {
             "seed": self.arguments.seed,
             "frames": self.arguments.frames,
             "limit_s": self.arguments.limit,
-            "work": u64::from(self.arguments.work) * 1_000_000,
+            "work": self.trial.most_work,
             "findings": findings,
         });
         let runs = usual
@@ -419,7 +457,7 @@ impl Campaign<'_, '_> {
             findings: found.iter().map(|row| format!("{}: {}", row.ended.why(), command(row))).collect(),
             title: format!("{scene}: a campaign of {} cases", rows.len()),
             subtitle: counts.clone(),
-            text: format!("{scene}: {counts}\n"),
+            text: format!("{scene}: {counts}\n{}", self.said_budget()),
             tables: vec![table],
             explanations: vec![
                 "Usual cases have the solver of the scene and stay within a decade around its numbers. \
@@ -480,4 +518,22 @@ fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex
         .lock()
         .unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_case_has_twice_the_work_of_the_scene() {
+        assert_eq!(budget(&Ended::Converged, 45 * MILLION + 1), 91 * MILLION);
+        assert_eq!(budget(&Ended::Converged, 1), LEAST_WORK);
+        let ended = Ended::NotConverged("the last frame".to_owned());
+        assert_eq!(budget(&ended, 100 * MILLION), 200 * MILLION);
+        // What has no end has no known work.
+        assert_eq!(
+            budget(&Ended::Found("no end".to_owned()), 500 * MILLION),
+            LEAST_WORK
+        );
+    }
 }

@@ -113,23 +113,36 @@ const LEAP: f64 = 5.0;
 impl Trial<'_> {
     /// Runs the scene with these changes.
     pub fn run(&self, changes: &[String], examined: Examined) -> Ended {
+        self.measured(changes, examined).0
+    }
+
+    /// The same, with the work of muscles [steps of vertices].
+    pub fn measured(&self, changes: &[String], examined: Examined) -> (Ended, u64) {
+        let mut work = 0;
         let watch = Watch {
             stop: self.stop,
             end: Instant::now() + self.longest,
         };
         let run = || match (self.load)(changes) {
             Err(error) => refused(&error),
-            Ok(Content::Muscles(scene)) => self.of_muscles(*scene, &watch, examined),
+            Ok(Content::Muscles(scene)) => self.of_muscles(*scene, &watch, examined, &mut work),
             Ok(other) => self.of_others(&other, &watch),
         };
-        catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
+        let ended = catch_unwind(AssertUnwindSafe(run)).unwrap_or_else(|panic| {
             let text = panic.downcast_ref::<String>().map(String::as_str);
             let text = text.or(panic.downcast_ref::<&str>().copied());
             Ended::Found(format!("panic: {}", text.unwrap_or("without a message")))
-        })
+        });
+        (ended, work)
     }
 
-    fn of_muscles(&self, scene: Scene, watch: &Watch<'_>, examined: Examined) -> Ended {
+    fn of_muscles(
+        &self,
+        scene: Scene,
+        watch: &Watch<'_>,
+        examined: Examined,
+        work: &mut u64,
+    ) -> Ended {
         let contact = scene.effects.contact;
         let twin = examined.threads.then(|| (self.make)(scene.clone()));
         let made = (self.make)(scene).and_then(|made| Ok((made, twin.transpose()?)));
@@ -155,7 +168,9 @@ impl Trial<'_> {
         let mut why = None;
         while !simulation.is_finished() {
             let before = positions(&simulation);
-            match simulation.step(watch) {
+            let stepped = simulation.step(watch);
+            *work = simulation.work();
+            match stepped {
                 Stepped::Done => {}
                 Stepped::Interrupted if simulation.work() > self.most_work => {
                     let (frame, all) = (simulation.frame() + 1, simulation.scene.frames);

@@ -189,7 +189,7 @@ impl Pair<'_> {
         if !self.b.is_rigid() {
             // A surface that crosses itself for a while has wrong pseudo-normals there.
             let x = self.b.surface.positions();
-            let inside = self.b.bounds.contains(p) && self.b.surface.winds_about(p, x, 0.0) > 0;
+            let inside = self.b.bounds.contains(p) && self.b.surface.winds_about(p, x, 0.0).0 > 0;
             if inside == (nearest.closest.distance >= 0.0) {
                 nearest.closest.distance *= -1.0;
                 nearest.closest.normal *= -1.0;
