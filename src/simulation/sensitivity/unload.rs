@@ -89,22 +89,30 @@ pub fn unload(
         if progress.report(&stage, round, ROUNDS).is_break() {
             return Err(SensitivityError::Interrupted);
         }
-        let (found, is_at_rest) = forward.equilibrium(&shape, progress)?;
-        let left: Vec<Vector3<f64>> = scan.iter().zip(&found).map(|(a, b)| a - b).collect();
-        let most = max_or_nan(left.iter().map(Vector3::norm));
-        rounds.push(most);
-        if most < best.0 {
-            best = (most, shape.clone(), found, is_at_rest);
-        }
-        if !best.0.is_finite() {
-            let message = "the equilibrium of the scan has no positions".to_owned();
-            return Err(SensitivityError::Failed(message));
-        }
-        let earlier = rounds.len().saturating_sub(PATIENCE);
-        let before = rounds[..earlier].iter();
-        let before = before.fold(f64::INFINITY, |a, b| if *b < a { *b } else { a });
-        if most <= tolerance || best.0 > LESS * before {
-            break;
+        let found = match forward.equilibrium(&shape, progress) {
+            // A guess that cannot start, as it lies in a bone, went too far.
+            Err(SensitivityError::Load(_)) if round > 0 => None,
+            found => Some(found?),
+        };
+        let mut left = Vec::new();
+        let mut most = f64::INFINITY;
+        if let Some((found, is_at_rest)) = found {
+            left = scan.iter().zip(&found).map(|(a, b)| a - b).collect();
+            most = max_or_nan(left.iter().map(Vector3::norm));
+            rounds.push(most);
+            if most < best.0 {
+                best = (most, shape.clone(), found, is_at_rest);
+            }
+            if !best.0.is_finite() {
+                let message = "the equilibrium of the scan has no positions".to_owned();
+                return Err(SensitivityError::Failed(message));
+            }
+            let earlier = rounds.len().saturating_sub(PATIENCE);
+            let before = rounds[..earlier].iter();
+            let before = before.fold(f64::INFINITY, |a, b| if *b < a { *b } else { a });
+            if most <= tolerance || best.0 > LESS * before {
+                break;
+            }
         }
         if !(most <= WORSE * best.0) {
             share *= 0.5;
