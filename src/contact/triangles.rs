@@ -15,18 +15,24 @@ use crate::mesh::measures::max_or_nan;
 use crate::particles::Particles;
 use crate::state::{DecodeError, Reader, Value, Writer};
 
-/// A bone vertex farther from the muscle than this is inactive, in contact thicknesses. A half of it must
-/// be at least one.
-const NEAR: [f64; 2] = [2.0, 6.0];
+/// A bone vertex farther from the muscle than this is inactive, in contact thicknesses: the least, and the most,
+/// and between them [`MOST_EDGES`]. Of a half of it, one is the contact itself and the rest is for the
+/// corrections of a step, during which nothing is queried.
+const NEAR: [f64; 2] = [4.0, 6.0];
 
 /// Below this distance from the surface, in contact thicknesses, the pseudo-normal alone decides on
 /// the side of a point.
 const DOUBT: f64 = 0.4;
 
-/// Motion during which an active vertex needs no new query, in contact thicknesses, and the most of it in
-/// mean edges: a greater value makes its list of triangles longer.
-const MARGIN: f64 = 6.0;
+/// Motion during which an active vertex needs no new query, in contact thicknesses: the least, which is that of
+/// two corrections, and the most. A greater value makes its list of triangles longer.
+const MARGIN: [f64; 2] = [2.0, 6.0];
+
+/// Mean edges beyond which a greater thickness makes neither of them greater.
 const MOST_EDGES: f64 = 2.0;
+
+/// Of this number of listed triangles one is tested, as boxes exclude the others.
+const LISTED: usize = 4;
 
 /// A due query triggers others that are due within this motion, in contact thicknesses: this saves
 /// refits.
@@ -83,6 +89,11 @@ impl TriangleContacts {
         let wake = vec![f64::NEG_INFINITY; obstacle.contact_samples().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
         let nearest = vec![u32::MAX; wake.len()];
+        let limited = |[least, most]: [f64; 2]| {
+            (most * thickness)
+                .min(MOST_EDGES * edge)
+                .max(least * thickness)
+        };
         Self {
             wake,
             last,
@@ -90,10 +101,8 @@ impl TriangleContacts {
             watched: Vec::new(),
             active: Vec::new(),
             thickness,
-            near: (NEAR[1] * thickness)
-                .min(MOST_EDGES * edge)
-                .max(NEAR[0] * thickness),
-            margin: (MARGIN * thickness).min(MOST_EDGES * edge),
+            near: limited(NEAR),
+            margin: limited(MARGIN),
             looked: Vec::new(),
             lookups: 0,
             tested: 0,
@@ -210,7 +219,7 @@ impl TriangleContacts {
         }
     }
 
-    /// Ends a step after a sum of motion of `travel` [m]; the surface made `since` of it after its
+    /// Ends a step after a sum of motion of `motion_bound` [m]; the surface made `since` of it after its
     /// last refit.
     pub fn end_step(&mut self, motion_bound: f64, since: f64) {
         for (k, bound) in self.looked.drain(..) {
@@ -238,7 +247,7 @@ impl TriangleContacts {
             }
             let p = placed.now * points[watched.point as usize];
             let likely = self.nearest[watched.point as usize];
-            self.tested += watched.triangles.len() / 4;
+            self.tested += watched.triangles.len().div_ceil(LISTED);
             let found = surface.nearest_among(&p, &watched.triangles, likely, &particles.position);
             let Some(mut on) = found else { continue };
             self.nearest[watched.point as usize] = on.triangle;

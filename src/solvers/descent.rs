@@ -18,7 +18,7 @@ const SUFFICIENT: f64 = 1e-4;
 /// Greatest number of halvings of a step.
 const HALVINGS: u32 = 30;
 
-/// Farthest that a vertex moves in one step, relative to the diagonal of the box around all of them. A
+/// Farthest that a step takes a vertex, before corrections, relative to the diagonal of the box around all. A
 /// matrix that is nearly singular gives directions that leave every scene.
 const FARTHEST: f64 = 0.5;
 
@@ -471,6 +471,9 @@ impl DescentProblem {
         let rounding = 16.0 * f64::EPSILON * state.magnitude;
         let far = FARTHEST * Aabb::of_points(x).extents().norm();
         let moved = max_or_nan(direction.iter().map(|d| d.norm()));
+        if !moved.is_finite() {
+            return None;
+        }
         let mut length = if far > 0.0 && moved > far {
             far / moved
         } else {

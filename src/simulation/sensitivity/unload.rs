@@ -32,7 +32,7 @@ const LESS: f64 = 0.7;
 pub struct Unloaded {
     /// Name, shape at rest, and the distance of each vertex of its equilibrium from the scan [m].
     pub bodies: Vec<(String, TriangleMesh, Vec<f64>)>,
-    /// The greatest distance after each round [m].
+    /// The greatest distance after each round whose shape could start [m].
     pub rounds: Vec<f64>,
     /// Whether the equilibrium of these shapes has converged.
     pub is_at_rest: bool,
@@ -90,7 +90,7 @@ pub fn unload(
             return Err(SensitivityError::Interrupted);
         }
         let found = match forward.equilibrium(&shape, progress) {
-            // A guess that cannot start, as it lies in a bone, went too far.
+            // A guess that cannot start, such as one that a bone cuts in two, went too far.
             Err(SensitivityError::Load(_)) if round > 0 => None,
             found => Some(found?),
         };
