@@ -106,13 +106,18 @@ const TIMES_ITS_WORK: u64 = 2;
 /// The scene without changes may take this multiple of the time of a case, and a case this multiple of its.
 const ALONE: u32 = 6;
 
+/// Whether the work of a scene with this end is that of its whole run.
+fn is_known(unchanged: &Ended) -> bool {
+    *unchanged != Ended::Interrupted && !matches!(unchanged.defect(), Some("no end" | "panic"))
+}
+
 fn budget(unchanged: &Ended, work: u64) -> u64 {
-    match (unchanged, unchanged.defect()) {
-        (Ended::Interrupted, _) | (_, Some("no end" | "panic")) => LEAST_WORK,
-        _ => (TIMES_ITS_WORK * work)
-            .next_multiple_of(MILLION)
-            .max(LEAST_WORK),
+    if !is_known(unchanged) {
+        return LEAST_WORK;
     }
+    (TIMES_ITS_WORK * work)
+        .next_multiple_of(MILLION)
+        .max(LEAST_WORK)
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
@@ -161,8 +166,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     trial.longest = longest;
     if arguments.work.is_none() {
         trial.most_work = budget(&unchanged, work);
-        // The budget ends a case, and not the time, also where several run at once.
-        trial.longest = longest.max(ALONE * started.elapsed());
+        if is_known(&unchanged) {
+            // The budget ends a case, and not the time, also where several run at once.
+            trial.longest = longest.max(ALONE * started.elapsed());
+        }
     }
     let campaign = Campaign {
         arguments,
