@@ -15,8 +15,8 @@ use crate::mesh::measures::max_or_nan;
 use crate::particles::Particles;
 use crate::state::{DecodeError, Reader, Value, Writer};
 
-/// A bone vertex farther from the muscle than this is inactive, in contact thicknesses: the least, and the most,
-/// and between them [`MOST_EDGES`]. Of a half of it, one is the contact itself and the rest is for the
+/// A bone vertex farther from the muscle than this is inactive, in contact thicknesses: the least, and the
+/// most, and between them [`MOST_EDGES`]. Of a half of it, one is the contact itself. The rest is for the
 /// corrections of a step, during which nothing is queried.
 const NEAR: [f64; 2] = [4.0, 6.0];
 
@@ -24,14 +24,14 @@ const NEAR: [f64; 2] = [4.0, 6.0];
 /// the side of a point.
 const DOUBT: f64 = 0.4;
 
-/// Motion during which an active vertex needs no new query, in contact thicknesses: the least, which is that of
-/// two corrections, and the most. A greater value makes its list of triangles longer.
+/// Motion during which an active vertex needs no new query, in contact thicknesses: the least, which is
+/// that of two corrections, and the most. A greater value makes its list of triangles longer.
 const MARGIN: [f64; 2] = [2.0, 6.0];
 
 /// Mean edges beyond which a greater thickness makes neither of them greater.
 const MOST_EDGES: f64 = 2.0;
 
-/// Of this number of listed triangles one is tested, as boxes exclude the others.
+/// Of about this number of listed triangles one is tested, as boxes exclude the others.
 const LISTED: usize = 4;
 
 /// A due query triggers others that are due within this motion, in contact thicknesses: this saves
@@ -338,8 +338,8 @@ impl TriangleContacts {
         })
     }
 
-    /// The last contact of each point that moved triangles in this step. A point moves them in several sweeps,
-    /// and each row of a minimum costs a factor.
+    /// The last contact of each point that moved triangles in this step. A point moves them in several
+    /// sweeps, and each row makes the factor of a minimum greater.
     pub fn last_active(&self) -> Vec<&TriangleContact> {
         let bits = |contact: &TriangleContact| contact.origin.coords.map(f64::to_bits);
         let mut seen = HashSet::new();
@@ -493,5 +493,40 @@ pub(super) fn plane_contact(
         origin,
         normal,
         thickness,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    #[test]
+    fn a_point_that_pushes_in_several_sweeps_gives_one_row() {
+        let bone = Surface::new(&icosphere(1.0, 1));
+        let mut contacts = TriangleContacts::new(&bone, 0.1, 1.0);
+        let contact = |x: f64, share: f64| TriangleContact {
+            points: [0, 1, 2],
+            origin: Point3::new(x, 0.0, 0.0),
+            normal: Vector3::x(),
+            weights: [share, 1.0 - share, 0.0],
+            thickness: 0.1,
+        };
+        contacts.active = vec![contact(1.0, 0.2), contact(2.0, 0.3), contact(1.0, 0.4)];
+        let of = |contact: &&TriangleContact| (contact.origin.x, contact.weights[0]);
+        let last: Vec<_> = contacts.last_active().iter().map(of).collect();
+        assert_eq!(last, [(2.0, 0.3), (1.0, 0.4)]);
+    }
+
+    #[test]
+    fn reaches_end_at_two_edges_but_leave_room_for_corrections() {
+        let bone = Surface::new(&icosphere(1.0, 1));
+        let reach = |thickness: f64| {
+            let contacts = TriangleContacts::new(&bone, thickness, 1.0);
+            [contacts.near, contacts.margin]
+        };
+        assert_eq!(reach(0.25), [1.5, 1.5]);
+        assert_eq!(reach(0.4375), [2.0, 2.0]);
+        assert_eq!(reach(4.0), [16.0, 8.0]);
     }
 }

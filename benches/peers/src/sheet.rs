@@ -1,8 +1,8 @@
 //! A hanging sheet for comparison with programs outside of Rust: `benches/peers/pbd.py` talks to this one.
 //!
 //! The argument is a folder: the sheet is written there (`sheet.txt`). Then each line of the standard
-//! input is `substeps sweeps frames`. The sheet starts at rest and falls for so many frames, on one
-//! thread, and the answer is the time [s]. The positions are in `pliant.bin` (f64, x y z of each vertex).
+//! input is `substeps sweeps frames`. The sheet starts at rest and falls for that number of frames, on
+//! one thread. The answer is the time [s]. The positions are in `pliant.bin` (f64, x y z of each vertex).
 
 use std::io::{BufRead, Write};
 use std::path::Path;
@@ -47,13 +47,15 @@ fn system(mesh: &TriangleMesh, sweeps: u32) -> System {
     let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), inverse_mass), settings);
     let (edges, _) = stiffness::edges(mesh, &Topology::new(mesh), 1.0);
     let compliance = vec![1.0 / STIFFNESS; edges.len()];
-    system.elastic.push(Box::new(Batch::new(edges, compliance, SweepOrder::Coloured, mesh.vertices.len(), &[])));
+    let springs = Batch::new(edges, compliance, SweepOrder::Coloured, mesh.vertices.len(), &[]);
+    system.elastic.push(Box::new(springs));
     system
 }
 
 /// The sheet as text: a line of three numbers for each vertex, then one for each triangle.
 fn write(mesh: &TriangleMesh, path: &Path) -> std::io::Result<()> {
-    let mut text = format!("{} {} {FRAME} {INVERSE_MASS} {STIFFNESS}\n", mesh.vertices.len(), mesh.triangles.len());
+    let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
+    let mut text = format!("{vertices} {triangles} {FRAME} {INVERSE_MASS} {STIFFNESS}\n");
     mesh.vertices.iter().for_each(|p| text += &format!("{} {} {}\n", p.x, p.y, p.z));
     mesh.triangles.iter().for_each(|t| text += &format!("{} {} {}\n", t[0], t[1], t[2]));
     std::fs::write(path, text)
@@ -83,7 +85,8 @@ fn main() -> std::io::Result<()> {
         });
         let seconds = begin.elapsed().as_secs_f64();
         let bytes = |p: &Point3<f64>| [p.x, p.y, p.z].map(f64::to_le_bytes).concat();
-        std::fs::write(folder.join("pliant.bin"), system.particles.position.iter().flat_map(bytes).collect::<Vec<u8>>())?;
+        let all: Vec<u8> = system.particles.position.iter().flat_map(bytes).collect();
+        std::fs::write(folder.join("pliant.bin"), all)?;
         println!("{seconds}");
         std::io::stdout().flush()?;
     }

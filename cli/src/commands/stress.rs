@@ -111,6 +111,7 @@ fn is_known(unchanged: &Ended) -> bool {
     *unchanged != Ended::Interrupted && !matches!(unchanged.defect(), Some("no end" | "panic"))
 }
 
+/// The budget of work of a case, from the end and the work of the scene without changes.
 fn budget(unchanged: &Ended, work: u64) -> u64 {
     if !is_known(unchanged) {
         return LEAST_WORK;
@@ -162,13 +163,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let longest = trial.longest;
     trial.longest = ALONE * longest;
     let started = Instant::now();
+    let bar = Bar::of_parts(1);
+    bar.part("the scene without changes");
     let (unchanged, work) = trial.measured(drawing.common(), Examined::default());
+    bar.end();
     trial.longest = longest;
     if arguments.work.is_none() {
         trial.most_work = budget(&unchanged, work);
         if is_known(&unchanged) {
             // The budget ends a case, and not the time, also where several run at once.
-            trial.longest = longest.max(ALONE * started.elapsed());
+            let took = Duration::from_secs(started.elapsed().as_secs() + 1);
+            trial.longest = longest.max(ALONE * took);
         }
     }
     let campaign = Campaign {
@@ -436,7 +441,7 @@ impl Campaign<'_, '_> {
             "usual": {"cases": usual.clone().count(), "converged": usual_converged},
             "seed": self.arguments.seed,
             "frames": self.arguments.frames,
-            "limit_s": self.arguments.limit,
+            "limit_s": self.trial.longest.as_secs(),
             "work": self.trial.most_work,
             "findings": findings,
         });
