@@ -4,8 +4,8 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::error::{SceneError, SceneProblem};
-use super::parse::{Surroundings, parse_content, parse_with, unknown_name};
-use super::{Content, Scene, Variables, no_variables};
+use super::parse::{Surroundings, changed, parse_content, parse_with, unknown_name};
+use super::{Content, Scene, Variables, no_variables, tree};
 use crate::spelling::shown_path;
 
 /// Largest size of a scene file [bytes].
@@ -162,6 +162,17 @@ pub struct Written {
     pub name: String,
     /// The folder that relative paths of the scene start from.
     pub folder: PathBuf,
+}
+
+/// The keys and values of a scene with overrides, as they are written.
+///
+/// # Errors
+/// No such file or scene, a text that is no TOML, or an override that does not fit.
+pub fn table(name_or_path: &str, overrides: &[String]) -> Result<toml::Table, SceneError> {
+    let Written { text, name, .. } = find(name_or_path)?;
+    let (document, _) = changed(&text, &name, overrides)?;
+    let plain = tree::plain(&document.value);
+    Ok(plain.and_then(|value| value.as_table().cloned()).unwrap_or_default())
 }
 
 /// The text of a file or of a built-in scene.

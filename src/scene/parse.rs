@@ -121,12 +121,22 @@ pub fn parse_content(
     name: &str,
     surroundings: &Surroundings<'_>,
 ) -> Result<Content, SceneError> {
+    let (document, sources) = changed(text, name, surroundings.overrides)?;
+    read(document, sources, name, surroundings, &[])
+}
+
+/// The document of a text with overrides.
+pub(super) fn changed(
+    text: &str,
+    name: &str,
+    overrides: &[String],
+) -> Result<(Node, Sources), SceneError> {
     let mut sources = Sources::new(name, text);
     let mut document = tree::document(&sources)?;
-    for text in surroundings.overrides {
+    for text in overrides {
         overrides::apply(text, &mut document, &mut sources)?;
     }
-    read(document, sources, name, surroundings, &[])
+    Ok((document, sources))
 }
 
 /// Reads a document with values in place of some with an interval, by their keys and in SI units.

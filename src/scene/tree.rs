@@ -186,6 +186,26 @@ pub(super) fn value(
         .transpose()
 }
 
+/// A value without places; `None` for a date, which no scene has.
+pub(super) fn plain(value: &Value) -> Option<toml::Value> {
+    Some(match value {
+        Value::Text(text) => text.clone().into(),
+        Value::Integer(number) => (*number).into(),
+        Value::Float(number) => (*number).into(),
+        Value::Boolean(flag) => (*flag).into(),
+        Value::Date => return None,
+        Value::List(list) => {
+            let each = list.iter().filter_map(|node| plain(&node.value));
+            toml::Value::Array(each.collect())
+        }
+        Value::Table(table) => {
+            let each = table.entries.iter();
+            let each = each.filter_map(|e| Some((e.key.clone(), plain(&e.node.value)?)));
+            toml::Value::Table(each.collect())
+        }
+    })
+}
+
 /// The error of the TOML reader in the terms of this crate.
 fn syntax(error: &toml::de::Error, text: &str, sources: &Sources) -> SceneError {
     let span = error.span().unwrap_or(0..0);

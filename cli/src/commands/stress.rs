@@ -131,12 +131,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let scene = environment::load_content(name, &arguments.set)?;
     let text = builtin::find(name)?.text;
-    let table: toml::Table = text.parse().map_err(|error| {
-        Failure::usage(
-            format!("{name}: {error}"),
-            "check the file with `pliant plan`",
-        )
-    })?;
+    let table = builtin::table(name, &arguments.set)?;
     let meshes = match &scene {
         Content::Muscles(scene) => meshes_of(scene),
         _ => Vec::new(),

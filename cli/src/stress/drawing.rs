@@ -355,7 +355,7 @@ pub(super) fn index(drawn: f64, count: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pliant::scene::builtin::{builtin, load_content};
+    use pliant::scene::builtin::{self, builtin, load_content};
 
     fn drawing(name: &str, seed: u64) -> Drawing {
         let text = builtin(name).expect("a built-in scene");
@@ -385,6 +385,23 @@ mod tests {
             let refused: Vec<String> = refused.map(|e| e.to_string()).collect();
             assert!(refused.len() <= 3, "{name}: {refused:#?}");
         }
+    }
+
+    #[test]
+    fn numbers_are_drawn_of_the_scene_with_its_changes() {
+        let set = ["solver=quasi_static".to_owned()];
+        let both = [&set[..], &[]].map(|set| {
+            let table = builtin::table("press", set).expect("TOML");
+            Drawing::new(&table, 3, 30, vec![0])
+        });
+        let [excluded, control] = both.map(|drawing| {
+            let cases = (0..60).map(|k| [&set[..], &drawing.case(k).changes].concat());
+            let refused = cases.filter_map(|all| load_content("press", &all).err());
+            let codes = refused.map(|error| error.problem().code());
+            codes.filter(|code| *code == "E056").count()
+        });
+        assert_eq!(excluded, 0);
+        assert!(control > 0, "control");
     }
 
     #[test]
