@@ -158,6 +158,12 @@ struct Patch {
     is_near: bool,
 }
 
+/// Number of pairs that are read in about the time of a step of one vertex, and in that of a gap and of a
+/// pair that is listed.
+const OF_A_STEP: usize = 32;
+const OF_A_GAP: usize = 16;
+const OF_A_LISTED: usize = 64;
+
 /// Surfaces that can meet, with the pairs that are near.
 pub struct Meeting {
     settings: MeetingSettings,
@@ -204,6 +210,8 @@ pub struct Meeting {
     /// Relative motion for which lists hold beyond the present one [m].
     margin: f64,
     certificate: Certificate,
+    /// Pairs that were read since the last [`Meeting::take_work`]; a gap counts as several.
+    read: usize,
     /// What holds soft surfaces together.
     bonds: Option<Bonds>,
 }
@@ -311,6 +319,7 @@ impl Meeting {
             slack: 0.0,
             margin: MARGIN * edge,
             certificate: Certificate::default(),
+            read: 0,
             bonds: None,
             members,
             start,
@@ -345,6 +354,13 @@ impl Meeting {
     /// The counts since the last call.
     pub fn take_certificate(&mut self) -> Certificate {
         std::mem::take(&mut self.certificate)
+    }
+
+    /// The work since the last call, in steps of a vertex.
+    pub fn take_work(&mut self) -> usize {
+        let steps = self.read / OF_A_STEP;
+        self.read %= OF_A_STEP;
+        steps
     }
 
     /// Begins a frame at the positions of each soft surface [m].

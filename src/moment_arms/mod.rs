@@ -20,4 +20,6 @@ pub use curve::{extremes, moment_arms};
 pub use names::means;
 pub use poses::{PoseSet, bundles};
 pub use reference::{ReferenceError, Table};
-pub use sweep::{CrossingMuscle, MuscleStepper, Sweep, SweepError, SweepRun, joint_of};
+pub use sweep::{
+    CrossingMuscle, MuscleStepper, NO_JOINT, Sweep, SweepError, SweepRun, joint_of, joints,
+};

@@ -27,8 +27,8 @@ use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
 use crate::solvers::descent::DescentSettings;
 use crate::solvers::sparse::FactorError;
-pub use motion::joint as joint_of;
 use motion::{Course, joint};
+pub use motion::{NO_JOINT, joint as joint_of, joints};
 
 /// Greatest number of angles of a sweep.
 pub const MOST_VALUES: usize = 10_000;

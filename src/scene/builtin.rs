@@ -172,7 +172,9 @@ pub fn table(name_or_path: &str, overrides: &[String]) -> Result<toml::Table, Sc
     let Written { text, name, .. } = find(name_or_path)?;
     let (document, _) = changed(&text, &name, overrides)?;
     let plain = tree::plain(&document.value);
-    Ok(plain.and_then(|value| value.as_table().cloned()).unwrap_or_default())
+    Ok(plain
+        .and_then(|value| value.as_table().cloned())
+        .unwrap_or_default())
 }
 
 /// The text of a file or of a built-in scene.

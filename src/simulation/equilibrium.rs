@@ -300,6 +300,10 @@ impl ContactFilter for Bones<'_> {
         self.stop.is_asked()
     }
 
+    fn spend(&mut self, steps: usize) {
+        self.stop.spend(steps);
+    }
+
     fn accept(&mut self, x: &[Point3<f64>]) {
         self.scratch.position.copy_from_slice(x);
         self.contacts.end_step(&self.placed, self.scratch, 1.0);

@@ -336,6 +336,7 @@ impl<'a> Around<'a> {
 
     /// The last motion was accepted.
     fn end(self) {
+        self.stop.spend(self.meeting.take_work());
         self.meeting.count(&self.counts[0]);
     }
 }
@@ -390,12 +391,15 @@ impl ContactFilter for Around<'_> {
             }
         }
         self.meeting.respond(&mut slices_mut(&self.ranges, x), None);
+        self.stop.spend(self.meeting.take_work());
     }
 
     fn hold(&mut self, x: &mut [Point3<f64>]) -> Option<bool> {
         let most = (MANY * x.len() as f64) as usize;
         let mut bodies = slices_mut(&self.ranges, x);
-        let changed = self.meeting.hold_few(&mut bodies, most)?;
+        let changed = self.meeting.hold_few(&mut bodies, most);
+        self.stop.spend(self.meeting.take_work());
+        let changed = changed?;
         self.counts[1] = self.meeting.take_certificate();
         match changed.iter().all(Vec::is_empty) {
             _ if self.counts[1].open > 0 => None,
@@ -406,11 +410,16 @@ impl ContactFilter for Around<'_> {
 
     fn hold_all(&mut self, x: &mut [Point3<f64>]) {
         self.meeting.hold(&mut slices_mut(&self.ranges, x), None);
+        self.stop.spend(self.meeting.take_work());
         self.counts[1] = self.meeting.take_certificate();
     }
 
     fn is_stopped(&self) -> bool {
         self.stop.is_asked()
+    }
+
+    fn spend(&mut self, steps: usize) {
+        self.stop.spend(steps);
     }
 
     fn accept(&mut self, x: &[Point3<f64>]) {

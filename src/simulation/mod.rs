@@ -269,7 +269,8 @@ impl Simulation {
     }
 
     /// The work of all frames since it was made: the number of steps times that of vertices, with those that
-    /// were undone. A trial of a minimisation counts as 30 steps. Unlike a time it is the same on any machine.
+    /// were undone. A trial of a minimisation counts as 30 steps, and the pairs of surfaces and rows of
+    /// contact that are read count as well. Unlike a time it is the same on any machine.
     pub fn work(&self) -> u64 {
         self.work
     }

@@ -306,6 +306,7 @@ impl Group {
             }
         }
         meeting.note_gaps();
+        of.stop.spend(meeting.take_work());
         // A muscle that goes back to the frame before is not kept in order with what moved on.
         let stops = bodies.iter().filter_map(|body| body.stopped.as_ref());
         let stopped = stops.filter(|(frame, _)| *frame == of.frame).count();
@@ -485,6 +486,7 @@ fn step(
             motions = None;
         }
         meeting.respond(&mut positions_mut(bodies), motions);
+        of.stop.spend(meeting.take_work());
         note(bodies, begin);
         project_volumes(meeting, bodies, of);
     }
@@ -537,6 +539,7 @@ fn project_volumes(meeting: &mut Meeting, bodies: &mut [&mut Body], of: &FrameSt
         }
         let begin = std::time::Instant::now();
         let changed = meeting.hold(&mut positions_mut(bodies), motions);
+        of.stop.spend(meeting.take_work());
         note(bodies, begin);
         if changed.iter().all(Vec::is_empty) {
             return;
@@ -563,9 +566,10 @@ fn settle(
         meeting.begin_step(&positions(bodies), &still);
         moving(bodies).for_each(|body| body.system.settle_contact(&still));
         meeting.respond(&mut positions_mut(bodies), None);
+        of.stop.spend(meeting.take_work());
         project_volumes(meeting, bodies, of);
         // The frame is undone.
-        if bodies.iter().any(|body| body.jump.is_some()) {
+        if of.stop.is_asked() || bodies.iter().any(|body| body.jump.is_some()) {
             return;
         }
         let clear: Vec<bool> = bodies

@@ -29,6 +29,12 @@ pub(super) const RIDGE: f64 = 1e-9;
 const SWEEPS: usize = 400;
 const SETTLED: f64 = 1e-5;
 
+/// Multiplications in about the time of a step of one vertex, of an entry of the small matrix, and of an
+/// unknown for columns of the inverse.
+const OF_A_STEP: usize = 128;
+const ENTRY: usize = 8;
+const COLUMNS: usize = 1000;
+
 /// Entries of the constant inverse between vertices that have touched an obstacle.
 #[derive(Default)]
 pub struct Touched {
@@ -36,9 +42,18 @@ pub struct Touched {
     vertices: Vec<u32>,
     /// For each vertex, the entries with all earlier vertices and itself.
     entries: Vec<Vec<f64>>,
+    /// Work since the last [`Self::take_work`], in multiplications.
+    multiplications: usize,
 }
 
 impl Touched {
+    /// The work since the last call, in steps of a vertex: a thousand rows cost more than a trial.
+    pub fn take_work(&mut self) -> usize {
+        let steps = self.multiplications / OF_A_STEP;
+        self.multiplications %= OF_A_STEP;
+        steps
+    }
+
     fn learn(&mut self, rows: &[ContactPlane], laplacian: &mut Laplacian, unknowns: &Unknowns) {
         let all = rows
             .iter()
@@ -52,11 +67,15 @@ impl Touched {
         fresh.dedup();
         if self.vertices.len() + fresh.len() > MOST_VERTICES && !self.vertices.is_empty() {
             // Only what touches now is kept.
-            *self = Self::default();
+            *self = Self {
+                multiplications: self.multiplications,
+                ..Self::default()
+            };
             return self.learn(rows, laplacian, unknowns);
         }
         fresh.truncate(MOST_VERTICES.saturating_sub(self.vertices.len()));
         for group in fresh.chunks(6) {
+            self.multiplications += COLUMNS * unknowns.count();
             let columns = laplacian.columns(unknowns, group);
             for (&v, column) in group.iter().zip(columns) {
                 self.place.insert(v, self.vertices.len());
@@ -77,7 +96,8 @@ impl Touched {
     ) -> Active {
         self.learn(&rows, laplacian, unknowns);
         rows.retain(|row| self.knows(row));
-        let factor = DenseFactor::new(&self.matrix(&rows));
+        let matrix = self.matrix(&rows);
+        let factor = self.factor(&matrix);
         Active { factor, rows }
     }
 
@@ -96,13 +116,20 @@ impl Touched {
         let mut pull = force.to_vec();
         laplacian.solve(unknowns, &mut [&mut pull]);
         let lack: Vec<f64> = rows.iter().map(|row| -row.along(&pull)).collect();
-        let reactions = complementary(&matrix, &lack);
+        let (reactions, sweeps) = complementary(&matrix, &lack);
+        self.multiplications += sweeps * rows.len().pow(2);
         let pushing: Vec<usize> = (0..rows.len()).filter(|&i| reactions[i] > 0.0).collect();
         let chosen = matrix.select_rows(&pushing).select_columns(&pushing);
         Active {
             rows: pushing.iter().map(|&i| rows[i]).collect(),
-            factor: DenseFactor::new(&chosen),
+            factor: self.factor(&chosen),
         }
+    }
+
+    fn factor(&mut self, matrix: &DMatrix<f64>) -> Option<DenseFactor> {
+        let rows = matrix.nrows();
+        self.multiplications += rows.pow(3) / 6;
+        DenseFactor::new(matrix)
     }
 
     fn knows(&self, row: &ContactPlane) -> bool {
@@ -111,8 +138,9 @@ impl Touched {
     }
 
     /// N A^-1 N^T.
-    fn matrix(&self, rows: &[ContactPlane]) -> DMatrix<f64> {
+    fn matrix(&mut self, rows: &[ContactPlane]) -> DMatrix<f64> {
         let n = rows.len();
+        self.multiplications += ENTRY * n.pow(2);
         let weighed = |row: &ContactPlane| -> Vec<(usize, f64)> {
             let terms = row.terms.iter().filter(|(_, w)| *w != 0.0);
             terms
@@ -154,6 +182,7 @@ impl Touched {
             place: _,
             vertices,
             entries,
+            multiplications: _,
         } = self;
         to.list(vertices);
         entries.iter().for_each(|entries| to.list(entries));
@@ -291,10 +320,11 @@ impl Active {
 }
 
 /// The numbers r >= 0 with M r >= `lack`, where r is zero wherever that is not an equality: sweeps over
-/// the rows of the symmetric matrix M.
-pub(super) fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> Vec<f64> {
-    let mut found = DVector::zeros(lack.len());
+/// the rows of the symmetric matrix M. Also the number of sweeps.
+pub(super) fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> (Vec<f64>, usize) {
+    let (mut found, mut sweeps) = (DVector::zeros(lack.len()), 0);
     for _ in 0..SWEEPS {
+        sweeps += 1;
         let (mut change, mut most) = (0.0_f64, 0.0_f64);
         for i in 0..lack.len() {
             let own = matrix[(i, i)];
@@ -312,5 +342,55 @@ pub(super) fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> Vec<f64> {
             break;
         }
     }
-    found.as_slice().to_vec()
+    (found.as_slice().to_vec(), sweeps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::constraints::spring::{Linear, anchors};
+    use crate::solvers::energy::Energy;
+
+    #[test]
+    fn the_algebra_of_rows_counts_as_work() {
+        const COUNT: u32 = 80;
+        let x: Vec<Point3<f64>> = (0..COUNT)
+            .map(|k| Point3::new(f64::from(k), 0.0, 0.0))
+            .collect();
+        let places = (0..COUNT).map(|v| (v, x[v as usize], Linear::new(2.0)));
+        let energy = Energy {
+            elastic: vec![Box::new(anchors("anchors", places))],
+            ..Energy::default()
+        };
+        let unknowns = Unknowns::new(&vec![1.0; x.len()]);
+        let mut laplacian = Laplacian::new(&energy, &unknowns, &x).expect("held by anchors");
+        let rows = |count: u32| -> Vec<ContactPlane> {
+            let row = |v: u32| ContactPlane {
+                terms: [1.0, 0.0, 0.0, 0.0].map(|w| (v, w)),
+                normal: Vector3::z(),
+                origin: Point3::origin(),
+                distance: 0.1,
+            };
+            (0..count).map(row).collect()
+        };
+        let mut touched = Touched::default();
+        touched.hold(rows(COUNT), &mut laplacian, &unknowns);
+        let all = touched.take_work();
+        assert_eq!(touched.take_work(), 0, "it is taken once");
+        // The columns of the inverse are known from here on.
+        touched.hold(rows(COUNT), &mut laplacian, &unknowns);
+        let again = touched.take_work();
+        touched.hold(rows(COUNT / 2), &mut laplacian, &unknowns);
+        let half = touched.take_work();
+        assert!(all > again && again > 2 * half, "{all} {again} {half}");
+        touched.press(
+            rows(COUNT),
+            &vec![-Vector3::z(); x.len()],
+            &mut laplacian,
+            &unknowns,
+        );
+        assert!(touched.take_work() > again, "it chooses the rows as well");
+        touched.hold(Vec::new(), &mut laplacian, &unknowns);
+        assert_eq!(touched.take_work(), 0, "control");
+    }
 }

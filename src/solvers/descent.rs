@@ -172,6 +172,8 @@ pub trait ContactFilter {
     fn is_stopped(&self) -> bool {
         false
     }
+    /// Notes work beside trials, in steps of a vertex.
+    fn spend(&mut self, _steps: usize) {}
     /// Accepts the last push: the body stays there.
     fn accept(&mut self, x: &[Point3<f64>]);
 }

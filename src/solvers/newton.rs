@@ -265,7 +265,7 @@ fn reactions(joined: &[Joined], x: &[Point3<f64>], free: &[Vector3<f64>]) -> Vec
         .collect();
     let ridged = own.map(|own| own * (1.0 + RIDGE));
     matrix.set_diagonal(&ridged);
-    let mut found = complementary(&matrix, &lack);
+    let (mut found, _) = complementary(&matrix, &lack);
     // The sweeps choose the rows; these then hold exactly.
     let pushing: Vec<usize> = (0..n).filter(|&i| found[i] > 0.0).collect();
     let chosen = matrix.select_rows(&pushing).select_columns(&pushing);

@@ -294,6 +294,7 @@ impl QuasiStatic {
             // Rows of pairs repeat each other, and a lift over all of them is long.
             if !is_coupled(rows) {
                 lift(problem, laplacian, touched, active, rows, end);
+                contact.spend(touched.take_work());
             }
             problem.complete_trial(x, end, spreads, contact)
         })
@@ -435,6 +436,7 @@ impl<G: ContactFilter> Relax for Descent<'_, G> {
                     .hold(pressed, &mut solver.laplacian, unknowns)
             })
         };
+        contact.spend(solver.touched.take_work());
         if let Some(next) = next {
             if next.rows() != solver.active.rows() {
                 solver.spreads.0.clear();

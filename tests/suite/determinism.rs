@@ -257,3 +257,29 @@ fn p42_a_whole_body_with_contact() {
         assert!(other.0 == reference.0, "{threads} threads");
     }
 }
+
+/// Two frames of the cube with steps of a fixed number.
+fn worked(contact: &str, threads: usize) -> (u64, u64) {
+    use pliant::simulation::Scenario as _;
+    let changes = ["frames=2", "solver.xpbd.substeps=10", contact].map(str::to_owned);
+    let scene = pliant::scene::builtin::load("cube", &changes).expect("a scene");
+    let mut simulation = pliant::simulation::Simulation::new(scene).expect("a simulation");
+    simulation.set_threads(threads);
+    while !simulation.is_finished() {
+        simulation.step(&pliant::progress::Silent);
+    }
+    let vertices: usize = simulation
+        .bodies
+        .iter()
+        .map(|b| b.rest.vertices.len())
+        .sum();
+    (simulation.work(), 20 * vertices as u64)
+}
+
+#[test]
+fn contact_between_surfaces_counts_as_work_whatever_the_threads() {
+    let (work, steps) = worked("effects.contact.friction=0", 1);
+    assert!(work > steps, "{work} {steps}");
+    assert_eq!(worked("effects.contact.friction=0", 3).0, work);
+    assert_eq!(worked("effects.contact=off", 1), (steps, steps), "control");
+}

@@ -21,10 +21,11 @@ use pliant::fibres::harmonic::HarmonicOptions;
 use pliant::format::number;
 use pliant::io::pvd::Collection;
 use pliant::moment_arms::{
-    Arms, CrossingMuscle, MuscleStepper, ReferenceError, Sweep, SweepError, SweepRun, Table,
+    Arms, CrossingMuscle, MuscleStepper, NO_JOINT, ReferenceError, Sweep, SweepError, SweepRun,
+    Table, joints,
 };
-use pliant::scene::Content;
 use pliant::scene::units::{Dimension, parse};
+use pliant::scene::{Content, Scene};
 use pliant::simulation::{self, Observer, Scenario};
 use pliant_render::Frame;
 
@@ -57,8 +58,8 @@ pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]
     scene: String,
-    /// Name of the joint, or of the bone that rotates about it
-    #[arg(long, value_name = "NAME", required_unless_present = "osim")]
+    /// Name of the joint, or of the bone that rotates about it [default: the only joint of the scene]
+    #[arg(long, value_name = "NAME")]
     joint: Option<String>,
     /// First angle, such as -10deg
     #[arg(
@@ -312,6 +313,25 @@ fn sweep(arguments: &Arguments) -> Result<Sweep, Failure> {
     })
 }
 
+/// The joint that nobody has to name.
+fn only_joint(scene: &Scene) -> Result<String, Failure> {
+    match joints(scene)[..] {
+        [] if scene.opensim.is_some() => Err(Failure::usage(
+            "a model of OpenSim moves the bones, and the scene has no joint of its own",
+            "give --osim MODEL --coordinate NAME",
+        )),
+        [] => Err(Failure::usage(
+            NO_JOINT,
+            "name a scene with a joint; `pliant init` finds one between two bones",
+        )),
+        [one] => Ok(one.to_owned()),
+        ref several => Err(Failure::usage(
+            format!("the scene has several joints: {}", several.join(", ")),
+            format!("name one, for example --joint '{}'", several[0]),
+        )),
+    }
+}
+
 /// Rejects fewer values of the angle than the smoothing of the curve needs.
 fn check_smooth(values: usize, smooth: usize) -> Result<(), Failure> {
     let needed = 2 * smooth + 1;
@@ -336,7 +356,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     }
     let begun = Instant::now();
-    let sweep = sweep(arguments)?;
+    let mut sweep = sweep(arguments)?;
     check_smooth(sweep.angles()?.len(), arguments.smooth)?;
     let tables = arguments
         .compare
@@ -352,6 +372,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             hint,
         ));
     };
+    if arguments.joint.is_none() {
+        sweep.joint = only_joint(&scene)?;
+    }
     arguments.output.threads.start();
     let stop = stop_on_interrupt("stopping after this angle");
     let name = scene.name.clone();

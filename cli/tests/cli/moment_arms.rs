@@ -4,10 +4,9 @@ use std::fs;
 
 use super::{Scratch, json, measures, names_in, run, shown, text};
 
-const SMALL: [&str; 12] = [
+/// Without `--joint`: the scene has one.
+const SMALL: [&str; 10] = [
     "moment-arms",
-    "hip",
-    "--joint",
     "hip",
     "--from=-4deg",
     "--to",
@@ -148,6 +147,9 @@ fn the_built_in_hip() {
     }
 }
 
+/// A second joint, of a bone that rests.
+const OTHER_JOINT: &str = "bone.0.motion={ joint=\"jaw\", centre=[\"0 m\", \"0 m\", \"0 m\"], axis=[1, 0, 0], keys=[{ frame=0 }] }";
+
 #[test]
 fn what_cannot_be_is_refused() {
     let scratch = Scratch::folder();
@@ -217,7 +219,8 @@ fn what_cannot_be_is_refused() {
             "cannot read `nothing.csv`",
         ),
         (&["lattice", "--joint", "hip"], "this scene has none"),
-        (&["hip"], "--joint"),
+        (&["press"], "which make a joint"),
+        (&["hip", "--set", OTHER_JOINT], "several joints: jaw, hip"),
     ] {
         let done = run(&[&["moment-arms"], arguments, &["--out", shown(&out)]].concat());
         assert_eq!(

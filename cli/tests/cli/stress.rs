@@ -43,6 +43,39 @@ fn every_case_ends_in_a_permitted_way_and_is_kept() {
 }
 
 #[test]
+fn cases_are_drawn_of_the_scene_as_it_is_changed() {
+    let folder = Scratch::folder();
+    let out = folder.to_str().expect("a path");
+    let few = ["--cases", "16", "--frames", "1", "--work", "1"];
+    let set = [
+        "--set",
+        "solver=quasi_static",
+        "--set",
+        "muscle.0.edge_length=40 mm",
+    ];
+    run(&[
+        &["stress", "press", "--quiet", "--out", out][..],
+        &set,
+        &few,
+    ]
+    .concat());
+    let cases = std::fs::read_dir(folder.join("cases")).expect("a folder");
+    let ends: Vec<Value> = cases
+        .map(|case| super::json(&case.expect("an entry").path()))
+        .collect();
+    assert_eq!(ends.len(), 16);
+    // E056: numbers of the solver that the change takes away.
+    for end in &ends {
+        let why = end["why"].as_str().expect("a text");
+        assert!(!why.starts_with("E056"), "{why}");
+    }
+    assert!(
+        ends.iter().any(|end| end["ended"] != "refused"),
+        "{ends:#?}"
+    );
+}
+
+#[test]
 fn a_case_that_does_not_end_is_a_finding() {
     let folder = Scratch::folder();
     let out = folder.to_str().expect("a path");

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::super::gap::{Parts, ROUNDING, gap, height, largest, max2};
 use super::super::patches::{Motion, Turn};
 use super::lists::AHEAD;
-use super::{Key, Meeting, StepMotions};
+use super::{Key, Meeting, OF_A_GAP, StepMotions};
 use crate::mesh::measures::Aabb;
 
 /// Number of rounds in which both parts of a pair share the way along its normal.
@@ -174,6 +174,7 @@ impl Meeting {
             if back.is_known(k, &crossing.corners) {
                 continue;
             }
+            self.read += OF_A_GAP;
             if crossing.is_in_order(self, back) {
                 back.in_order[k] = back.now;
                 continue;

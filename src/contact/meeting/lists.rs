@@ -12,7 +12,7 @@ use super::super::near_pairs::{Facet, near_pairs};
 use super::super::patches::{Motion, Turn};
 use super::super::plane::ContactPlane;
 use super::super::surface::box_pairs;
-use super::{Against, FAR, Meeting, Member, Patch, SUMMED};
+use super::{Against, FAR, Meeting, Member, OF_A_GAP, OF_A_LISTED, Patch, SUMMED};
 use crate::mesh::measures::Aabb;
 
 /// The share by which a step may come nearer than its motion tells: a gap is at least the height of
@@ -80,6 +80,8 @@ pub(super) struct Bucket {
     used: f64,
     /// True if the list was made just now.
     is_new: bool,
+    /// Pairs that were read in the present look; a gap counts as several.
+    read: usize,
 }
 
 /// Relative motion of two patches since the list was made, to the start of the step, and in the
@@ -116,9 +118,11 @@ impl Bucket {
         // What is known now holds for the motion from the reference on, forth and back.
         let known = self.used - (moved.before - self.used);
         self.nearest = [f64::INFINITY; 2];
+        self.read += self.pairs.len();
         for pair in &mut self.pairs {
             // Not `<=`: a motion that is not a number looks at all pairs.
             if !(pair.known()[usize::from(beyond)] > most) {
+                self.read += OF_A_GAP;
                 let least = pair.at_least(start);
                 pair.listed = pair.listed.max(look(pair, least) + known);
             }
@@ -227,6 +231,7 @@ impl Meeting {
         });
         for bucket in &mut buckets {
             if std::mem::take(&mut bucket.is_new) {
+                self.read += std::mem::take(&mut bucket.read);
                 for pair in &bucket.pairs {
                     self.activate(&pair.corners);
                 }
@@ -298,23 +303,25 @@ impl Meeting {
         let mut buckets = std::mem::take(&mut self.buckets);
         // Few buckets take less time than it takes to wake up threads.
         let chunk = if awake > FEW { CHUNK } else { FEW };
-        let found: Vec<(Vec<T>, Vec<&mut Bucket>)> = buckets[..awake]
+        let found: Vec<(Vec<T>, Vec<&mut Bucket>, usize)> = buckets[..awake]
             .par_chunks_mut(chunk)
             .map(|buckets| {
-                let (mut found, mut outdated) = (Vec::new(), Vec::new());
+                let (mut found, mut outdated, mut read) = (Vec::new(), Vec::new(), 0);
                 for bucket in buckets {
                     let moved = bucket.moved(&self.patches);
                     if is_far || !(self.needs(bucket, moved) <= bucket.reach) {
                         outdated.push(bucket);
                     } else {
                         look(bucket, moved, [&self.start, &self.end], &mut found);
+                        read += std::mem::take(&mut bucket.read);
                     }
                 }
-                (found, outdated)
+                (found, outdated, read)
             })
             .collect();
         let (mut all, mut outdated) = (Vec::new(), Vec::new());
-        for (found, late) in found {
+        for (found, late, read) in found {
+            self.read += read;
             all.extend(found);
             outdated.extend(late);
         }
@@ -333,6 +340,7 @@ impl Meeting {
             for bucket in outdated {
                 let moved = bucket.moved(&self.patches);
                 look(bucket, moved, [&self.start, &self.end], &mut all);
+                self.read += std::mem::take(&mut bucket.read);
             }
         }
         self.buckets = buckets;
@@ -413,6 +421,7 @@ impl Meeting {
                 nearest: [f64::INFINITY; 2],
                 used: one.start.relative(&other.start),
                 is_new: false,
+                read: 0,
             });
             self.buckets.push(bucket);
             for p in patches {
@@ -442,6 +451,7 @@ impl Meeting {
         let found = near_pairs(&one, (!itself).then_some(&*other), bucket.reach);
         bucket.reach = found.reach;
         bucket.pairs.clear();
+        bucket.read += one.len() + other.len() + OF_A_LISTED * found.pairs.len();
         for near in found.pairs {
             if near.corners.iter().any(|&v| self.mass[v as usize] > 0.0) {
                 let (listed, normal) = near

@@ -20,14 +20,14 @@ const AT_REST: f64 = 1e-9;
 /// # Errors
 /// A scene without such a joint.
 pub fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError> {
-    let joints = scene.bones.iter().map(|b| b.motion.joint.as_ref());
+    let of_bones = scene.bones.iter().map(|b| b.motion.joint.as_ref());
     let named = |joint: &&Joint| joint.name.as_deref() == Some(name);
-    let all = || joints.clone().flatten().filter(named);
+    let all = || of_bones.clone().flatten().filter(named);
     // A bone that glides has a path of its own.
     let turns = all().find(|joint| joint.path.is_empty());
     let named = turns.or_else(|| all().next());
     if let Some(found) = named {
-        let turning = joints
+        let turning = of_bones
             .map(|j| j.is_some_and(|j| j.name.as_deref() == Some(name)))
             .collect();
         return Ok((found.clone(), turning));
@@ -40,23 +40,34 @@ pub fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError
     {
         return Ok((found, (0..scene.bones.len()).map(|k| k == b).collect()));
     }
-    let mut known: Vec<String> = Vec::new();
-    for bone in &scene.bones {
-        if let Some(joint) = &bone.motion.joint {
-            let text = joint.name.as_ref().unwrap_or(&bone.name);
-            if !known.contains(text) {
-                known.push(text.clone());
-            }
-        }
-    }
+    let known = joints(scene);
     let known = match known.is_empty() {
-        true => "no bone has a motion with `centre` and `axis`, which make a joint".to_owned(),
+        true => NO_JOINT.to_owned(),
         false => format!("known: {}", known.join(", ")),
     };
     Err(SweepError::NoJoint {
         name: name.to_owned(),
         known,
     })
+}
+
+/// What a scene without a joint lacks.
+pub const NO_JOINT: &str = "no bone has a motion with `centre` and `axis`, which make a joint";
+
+/// The names of the joints of a scene. Bones whose joint has the same name share one; a joint without a name
+/// has that of its bone.
+pub fn joints(scene: &Scene) -> Vec<&str> {
+    let mut known: Vec<(bool, &str)> = Vec::new();
+    for bone in &scene.bones {
+        if let Some(joint) = &bone.motion.joint {
+            let name = joint.name.as_deref().unwrap_or(&bone.name);
+            let one = (joint.name.is_some(), name);
+            if !known.contains(&one) {
+                known.push(one);
+            }
+        }
+    }
+    known.into_iter().map(|(_, name)| name).collect()
 }
 
 /// The joint of the bones that turn, and of each bone that glides as it turns, with the bones that they
@@ -233,5 +244,37 @@ impl Course {
             };
         }
         scene.frames = self.frames.len() - 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scene(joints: [&str; 3]) -> Scene {
+        let bone = |(k, joint): (usize, &str)| {
+            format!(
+                "[[bone]]\nname = '{}'\nshape = 'soft-ball'\n[bone.motion]\n{joint}\nkeys = [{{ frame = 0 }}]\n",
+                ["femur", "tibia", "patella"][k]
+            )
+        };
+        let bones: String = joints.into_iter().enumerate().map(bone).collect();
+        let text = format!(
+            "frames = 1\nframe_rate = '60 Hz'\n[[muscle]]\nname = 'calf'\nshape = 'tetrahedron'\n{bones}"
+        );
+        crate::scene::parse(&text, "leg.toml", std::path::Path::new(".")).expect("a scene")
+    }
+
+    #[test]
+    fn bones_share_a_joint_by_its_name_alone() {
+        let place = "centre = ['0 m', '0 m', '0 m']\naxis = [1, 0, 0]";
+        let knee = format!("joint = 'knee'\n{place}");
+        let of_tibia = format!("joint = 'tibia'\n{place}");
+        assert_eq!(joints(&scene([&knee, &knee, ""])), ["knee"]);
+        assert_eq!(joints(&scene(["", place, ""])), ["tibia"]);
+        assert_eq!(joints(&scene([&knee, place, &knee])), ["knee", "tibia"]);
+        // A joint with the name of another bone is another joint.
+        assert_eq!(joints(&scene([&of_tibia, place, ""])), ["tibia"; 2]);
+        assert!(joints(&scene([""; 3])).is_empty(), "control");
     }
 }
