@@ -348,8 +348,7 @@ pub(super) fn complementary(matrix: &DMatrix<f64>, lack: &[f64]) -> (Vec<f64>, u
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::constraints::spring::{Linear, anchors};
-    use crate::solvers::energy::Energy;
+    use crate::solvers::energy::{Energy, Inertia};
 
     #[test]
     fn the_algebra_of_rows_counts_as_work() {
@@ -357,13 +356,16 @@ mod tests {
         let x: Vec<Point3<f64>> = (0..COUNT)
             .map(|k| Point3::new(f64::from(k), 0.0, 0.0))
             .collect();
-        let places = (0..COUNT).map(|v| (v, x[v as usize], Linear::new(2.0)));
+        let inertia = Inertia {
+            weight: vec![2.0; x.len()],
+            target: x.clone(),
+        };
         let energy = Energy {
-            elastic: vec![Box::new(anchors("anchors", places))],
+            inertia: Some(inertia),
             ..Energy::default()
         };
         let unknowns = Unknowns::new(&vec![1.0; x.len()]);
-        let mut laplacian = Laplacian::new(&energy, &unknowns, &x).expect("held by anchors");
+        let mut laplacian = Laplacian::new(&energy, &unknowns, &x).expect("held by its inertia");
         let rows = |count: u32| -> Vec<ContactPlane> {
             let row = |v: u32| ContactPlane {
                 terms: [1.0, 0.0, 0.0, 0.0].map(|w| (v, w)),
