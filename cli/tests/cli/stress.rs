@@ -46,7 +46,7 @@ fn every_case_ends_in_a_permitted_way_and_is_kept() {
 fn cases_are_drawn_of_the_scene_as_it_is_changed() {
     let folder = Scratch::folder();
     let out = folder.to_str().expect("a path");
-    let few = ["--cases", "16", "--frames", "1", "--work", "1"];
+    let few = ["--cases", "16", "--frames", "6", "--work", "1"];
     let set = [
         "--set",
         "solver=quasi_static",
