@@ -1,5 +1,5 @@
-//! The factor of a dense symmetric matrix, by faer, which works in blocks: a thousand rows of contact, column by
-//! column, took most of the time of a minimum.
+//! The factor of a dense symmetric matrix, by faer, which works in blocks: a thousand rows of contact,
+//! column by column, took most of the time of a minimum.
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};

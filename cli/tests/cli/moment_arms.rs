@@ -148,7 +148,8 @@ fn the_built_in_hip() {
 }
 
 /// A second joint, of a bone that rests.
-const OTHER_JOINT: &str = "bone.0.motion={ joint=\"jaw\", centre=[\"0 m\", \"0 m\", \"0 m\"], axis=[1, 0, 0], keys=[{ frame=0 }] }";
+const OTHER_JOINT: &str = "bone.0.motion={ joint=\"jaw\", centre=[\"0 m\", \"0 m\", \"0 m\"], \
+                           axis=[1, 0, 0], keys=[{ frame=0 }] }";
 
 #[test]
 fn what_cannot_be_is_refused() {

@@ -254,7 +254,8 @@ mod tests {
     fn scene(joints: [&str; 3]) -> Scene {
         let bone = |(k, joint): (usize, &str)| {
             format!(
-                "[[bone]]\nname = '{}'\nshape = 'soft-ball'\n[bone.motion]\n{joint}\nkeys = [{{ frame = 0 }}]\n",
+                "[[bone]]\nname = '{}'\nshape = 'soft-ball'\n[bone.motion]\n{joint}\n\
+                 keys = [{{ frame = 0 }}]\n",
                 ["femur", "tibia", "patella"][k]
             )
         };
