@@ -1,6 +1,7 @@
 //! Measures of each single fibre.
 
 use super::polyline::{length, resample};
+use crate::mesh::measures::median;
 use nalgebra::{Point3, Vector3};
 
 /// Cosine of the angle between two directions of a fibre that turns back: 120 degrees.
@@ -52,6 +53,15 @@ pub fn end_tilts(line: &[Point3<f64>]) -> Option<[f64; 2]> {
         angle(between(398, 400)?, between(360, 376)?),
     ];
     (length(line) > 0.0).then_some(tilts)
+}
+
+/// Above this median angle at their ends, lines end in hooks [degrees].
+pub const HOOK_DEG: f64 = 30.0;
+
+/// Median of the angles of [`end_tilts`] over both ends of all lines [rad]; NaN without lines.
+pub fn median_tilt(lines: &[Vec<Point3<f64>>]) -> f64 {
+    let tilts = lines.iter().filter_map(|line| end_tilts(line));
+    median(tilts.flatten().collect()).unwrap_or(f64::NAN)
 }
 
 /// True if a fibre turns back: two of its directions, over twentieths of its length without the

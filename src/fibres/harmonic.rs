@@ -21,6 +21,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::attachment::Attachment;
+use super::fibre_measures::{HOOK_DEG, median_tilt, turns_back};
 use super::polyline::resample;
 use super::solid::{Closed, Solid};
 use crate::mesh::{TriangleMesh, measures};
@@ -32,25 +33,33 @@ use trace::Tracer;
 /// Number of cells in the volume of the muscle: the least number, and the number per vertex.
 const CELLS: f64 = 2_000.0;
 const CELLS_PER_VERTEX: f64 = 0.4;
-/// The next of [`TRIALS`] follows if a larger share of the volume stays uncovered or the order of
-/// fibres is uncertain.
-const BARE: f64 = 0.03;
-/// Cell count as a multiple of the least number, and flux. The flux is first even over each area,
-/// the known property of attachments. If much of the volume stays uncovered, the flux becomes
-/// denser far from the other area.
-const TRIALS: [(f64, Flux); 3] = [
-    (1.0, Flux::Even),
-    (1.0, Flux::Crowded(0.0)),
-    (2.0, Flux::Crowded(8.0)),
+/// The next of [`TRIALS`] follows if a larger share of the volume stays uncovered, or if fibres turn back, are
+/// out of order or end in hooks.
+const BARE: f64 = 0.02;
+/// Cell count as a multiple of the least number, flux, and the greatest tangent of the angle between a streamline
+/// and the shortest line to its area, beside it. The flux is first even over each area,
+/// the known property of attachments. If much of the volume stays uncovered, cells become finer, then the flux
+/// denser far from the other area, then cells finer again. Fibres of the last trial turn towards their area.
+const TRIALS: [(f64, Flux, f64); 6] = [
+    (1.0, Flux::Even, FLAT),
+    (2.0, Flux::Even, FLAT),
+    (2.0, Flux::Crowded(0.0), FLAT),
+    (2.0, Flux::Crowded(8.0), FLAT),
+    (4.0, Flux::Crowded(8.0), FLAT),
+    (2.0, Flux::Crowded(8.0), STEEP),
 ];
-/// Gain of covered volume for which fibres may end in hooks.
-const HOOKED: f64 = 0.02;
-/// The next trial follows at once if a larger share is uncovered at first.
+/// Streamlines that run along their area end in a turn of 14 degrees at most, or go straight to the closest point.
+const FLAT: f64 = 4.0;
+const STEEP: f64 = 0.0;
+/// Gain of covered volume for which fibres may end in hooks or turn back.
+const UNSOUND: f64 = 0.02;
+/// After the first trial the next one follows at once if a larger share is uncovered at first.
 const MAX_UNCOVERED: f64 = 0.12;
 /// Greatest number of failed seeds per fibre.
 const TRIES: usize = 4;
-/// A trial stops and leaves the other fibres to finer cells if fewer than one seed in this number
-/// succeeds. It first tries at least [`SOONEST`] seeds and one seed per fibre.
+/// A trial stops and leaves the fibres to the next one if fewer than one seed in this number
+/// succeeds. It first tries at least [`SOONEST`] seeds and one seed per fibre. The last trial then takes streamlines
+/// of any order.
 const LOST: usize = 5;
 const SOONEST: usize = 50;
 
@@ -229,23 +238,23 @@ impl Task<'_> {
     /// The first of [`TRIALS`] with a small uncovered share, or the best of all.
     fn best(&self) -> Result<Trial, DecompositionError> {
         let mut best: Option<Trial> = None;
-        for (k, (finer, flux)) in TRIALS.into_iter().enumerate() {
-            let last = k + 1 == TRIALS.len();
-            match self.trial(finer, flux, last) {
-                Ok(trial) if trial.disordered == 0 && trial.bare <= BARE => return Ok(trial),
-                Ok(trial) if best.as_ref().is_none_or(|best| trial.is_better(best, last)) => {
-                    best = Some(trial)
+        for k in 0..TRIALS.len() {
+            match self.trial(k, k + 1 == TRIALS.len()) {
+                Ok(trial) if trial.is_good() => return Ok(trial),
+                Ok(trial) if best.as_ref().is_none_or(|best| trial.is_better(best)) => {
+                    best = Some(trial);
                 }
                 Ok(_) | Err(DecompositionError::Lost { .. }) => {}
                 Err(error) => return Err(error),
             }
         }
         // Coarse cells can succeed where finer ones fail.
-        best.map_or_else(|| self.trial(1.0, Flux::Even, true), Ok)
+        best.map_or_else(|| self.trial(0, true), Ok)
     }
 
-    /// Decomposes with `finer` times the least number of cells; the `last` trial accepts any order.
-    fn trial(&self, finer: f64, flux: Flux, last: bool) -> Result<Trial, DecompositionError> {
+    /// Decomposes by one of [`TRIALS`]; the `last` trial accepts any order.
+    fn trial(&self, k: usize, last: bool) -> Result<Trial, DecompositionError> {
+        let (finer, flux, flat) = TRIALS[k];
         let &Self {
             muscle,
             attachment,
@@ -257,27 +266,26 @@ impl Task<'_> {
         } = self;
         let cell_count = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
         let cells = Cells::new(solid, (volume / cell_count).cbrt());
-        let field = Field::new(cells, solid, muscle, attachment, lines, flux)
+        let field = Field::new(cells, solid, muscle, attachment, lines, (flux, flat))
             .map_err(|e| no_field(e, muscle, attachment))?;
         let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
-        let (mut streamlines, any) = streamlines(&tracer, options.count, last, progress)?;
-        let max_uncovered = if last { 1.0 } else { MAX_UNCOVERED };
+        let (mut streamlines, order) = streamlines(&tracer, options.count, last, progress)?;
+        let max_uncovered = if k > 0 || last { 1.0 } else { MAX_UNCOVERED };
         let bare = reseed::reseed(
             &tracer,
             &mut streamlines,
             options.points,
             volume,
-            max_uncovered,
+            (max_uncovered, order.kept()),
             progress,
         )?;
-        let disordered = if any {
-            streamlines
-                .iter()
-                .filter(|streamline| !ordered(&tracer, streamline))
-                .count()
-        } else {
-            0
+        let courses: Vec<_> = streamlines.iter().map(course).collect();
+        let order = match order {
+            Order::Any if streamlines.iter().any(|s| !ordered(&tracer, s)) => Order::Any,
+            _ if courses.iter().any(|course| turns_back(course)) => Order::Kept,
+            _ => Order::Forwards,
         };
+        let has_hooks = !(median_tilt(&courses).to_degrees() <= HOOK_DEG);
         let fibres = streamlines
             .par_iter()
             .map(|w| fibre(w, options.points, solid))
@@ -286,8 +294,9 @@ impl Task<'_> {
             fibres,
             streamlines,
             field,
-            disordered,
+            order,
             bare,
+            has_hooks,
         })
     }
 }
@@ -297,18 +306,29 @@ struct Trial {
     fibres: Vec<Vec<Point3<f64>>>,
     streamlines: Vec<[HalfStreamline; 2]>,
     field: Field,
-    /// Number of fibres with a reversed order somewhere.
-    disordered: usize,
+    /// The order that all fibres have.
+    order: Order,
     /// Share of the cells' volume that no fibre covers.
     bare: f64,
+    /// Whether the median end is a hook.
+    has_hooks: bool,
 }
 
 impl Trial {
-    /// True if a later trial has fewer fibres of reversed order, or leaves less bare. Fibres of the
-    /// `last` trial end in hooks, so it must leave much less bare.
-    fn is_better(&self, before: &Self, last: bool) -> bool {
-        let gain = if last { HOOKED } else { 0.0 };
-        (self.disordered, self.bare + gain) < (before.disordered, before.bare)
+    /// True if no further trial is needed.
+    fn is_good(&self) -> bool {
+        self.order == Order::Forwards && !self.has_hooks && self.bare <= BARE
+    }
+
+    /// True if its fibres keep their order and those of an earlier trial do not, or it leaves less bare. Hooks and
+    /// fibres that turn back count as [`UNSOUND`].
+    fn is_better(&self, before: &Self) -> bool {
+        let lacks = |trial: &Self| {
+            let is_sound = trial.order == Order::Forwards && !trial.has_hooks;
+            trial.bare + if is_sound { 0.0 } else { UNSOUND }
+        };
+        let rank = |trial: &Self| (trial.order == Order::Any, lacks(trial));
+        rank(self) < rank(before)
     }
 }
 
@@ -339,23 +359,60 @@ fn ordered(tracer: &Tracer<'_>, [back, on]: &[HalfStreamline; 2]) -> bool {
     jacobian::keeps_order(tracer, back, -1.0) && jacobian::keeps_order(tracer, on, 1.0)
 }
 
-/// Fibres through points that are far from one another. The flag is true if fibres of reversed
-/// order are among them; this happens only in the `last` trial if there are too few others.
+/// Which streamlines are fibres.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Order {
+    /// Those beside which the order is kept, and that do not turn back.
+    Forwards,
+    /// Those beside which the order is kept.
+    Kept,
+    /// All.
+    Any,
+}
+
+impl Order {
+    /// This order, or a stricter one of those beside which the order is kept.
+    fn kept(self) -> Self {
+        self.min(Self::Kept)
+    }
+}
+
+/// Why a streamline is no fibre.
+enum Rejected {
+    /// The tracer lost it, after these points [m].
+    Lost(Vec<Point3<f64>>),
+    /// The order beside it is reversed.
+    Reversed,
+    /// It turns back.
+    TurnsBack,
+}
+
+/// Fibres through points that are far from one another, with the order that all of them have. Those that turn back
+/// are taken only if there are too few others. The `last` trial also takes those of reversed order.
 fn streamlines(
     tracer: &Tracer<'_>,
     count: usize,
     last: bool,
     progress: &dyn Progress,
-) -> Result<(Vec<[HalfStreamline; 2]>, bool), DecompositionError> {
+) -> Result<(Vec<[HalfStreamline; 2]>, Order), DecompositionError> {
     let mut streamlines: Vec<[HalfStreamline; 2]> = Vec::with_capacity(count);
-    for any in [false, true].into_iter().take(if last { 2 } else { 1 }) {
+    let mut has_turned = false;
+    for order in [Order::Forwards, Order::Kept, Order::Any] {
+        match order {
+            Order::Forwards => {}
+            // Seeds between fibres that do not turn back would leave much bare.
+            Order::Kept if has_turned => streamlines.clear(),
+            Order::Any if last => {}
+            _ => continue,
+        }
         let mut seeds = Seeds::new(tracer.field);
         streamlines
             .iter()
             .flatten()
             .for_each(|half| seeds.note(&half.points));
         for n in 0..TRIES * count {
-            if !last && n >= count.max(SOONEST) && n > LOST * streamlines.len() {
+            let gives_up = !last || order == Order::Forwards;
+            if gives_up && n >= count.max(SOONEST) && n > LOST * streamlines.len() {
                 break;
             }
             let heard = progress.report("fibres found", streamlines.len(), count);
@@ -364,15 +421,17 @@ fn streamlines(
             }
             let Some(seed) = seeds.farthest() else { break };
             seeds.give_up(&seed);
-            match through(tracer, &seed.point, any) {
+            match through(tracer, &seed.point, order) {
                 Ok(streamline) => {
                     streamline.iter().for_each(|half| seeds.note(&half.points));
                     streamlines.push(streamline);
                 }
-                Err(lost) => seeds.give_up_along(&lost),
+                Err(Rejected::Lost(points)) => seeds.give_up_along(&points),
+                Err(Rejected::Reversed) => {}
+                Err(Rejected::TurnsBack) => has_turned = true,
             }
             if streamlines.len() == count {
-                return Ok((streamlines, any));
+                return Ok((streamlines, order));
             }
         }
     }
@@ -383,28 +442,26 @@ fn streamlines(
 }
 
 /// The streamline through a point: from the point to the origin, and to the insertion.
-///
-/// # Errors
-/// A lost streamline, as far as the tracer came; or, unless `any` is true, a streamline with
-/// reversed order, without points.
 fn through(
     tracer: &Tracer<'_>,
     seed: &Point3<f64>,
-    any: bool,
-) -> Result<[HalfStreamline; 2], Vec<Point3<f64>>> {
+    order: Order,
+) -> Result<[HalfStreamline; 2], Rejected> {
     let half = |sign: f64| {
         let streamline = tracer
-            .half(seed, sign, any)
-            .map_err(|streamline| streamline.points)?;
-        let kept = any || jacobian::keeps_order(tracer, &streamline, sign);
-        if kept {
-            Ok(streamline)
-        } else {
-            Err(Vec::new())
+            .half(seed, sign, order == Order::Any)
+            .map_err(|streamline| Rejected::Lost(streamline.points))?;
+        match order == Order::Any || jacobian::keeps_order(tracer, &streamline, sign) {
+            true => Ok(streamline),
+            false => Err(Rejected::Reversed),
         }
     };
     let (back, on) = rayon::join(|| half(-1.0), || half(1.0));
-    Ok([back?, on?])
+    let streamline = [back?, on?];
+    if order == Order::Forwards && turns_back(&course(&streamline)) {
+        return Err(Rejected::TurnsBack);
+    }
+    Ok(streamline)
 }
 
 /// All points of a streamline, from origin to insertion.

@@ -20,7 +20,9 @@ pub(crate) mod template;
 
 pub use attachment::{Area, AreaSource, Attachment, AttachmentError};
 pub use binding::BoundLines;
-pub use fibre_measures::{FibreMeasures, Tendon, action, end_tilts, measure_fibres, turns_back};
+pub use fibre_measures::{
+    FibreMeasures, HOOK_DEG, Tendon, action, end_tilts, measure_fibres, median_tilt, turns_back,
+};
 pub use method::{FibreMethod, Fibres, MethodError, decompose_by};
 pub use polyline::length;
 pub use slices::SlicesError;

@@ -1,6 +1,7 @@
 //! Fibres: exact shapes, invalid areas, controls of the measures, real muscles.
 
 mod aponeuroses;
+mod beside;
 mod real;
 mod refused;
 mod shapes;

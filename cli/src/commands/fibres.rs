@@ -25,7 +25,7 @@ use pliant::fibres::harmonic::{DecompositionError, HarmonicOptions};
 use pliant::fibres::quality::{Quality, measure, tendons};
 use pliant::fibres::{
     Area, Attachment, AttachmentError, BoundLines, FibreMeasures, FibreMethod, Fibres, MethodError,
-    RegisteredLines, Smoothing, Template, Tendon, decompose_by, end_tilts, measure_fibres,
+    RegisteredLines, Smoothing, Template, Tendon, decompose_by, measure_fibres, median_tilt,
     register, turns_back,
 };
 use pliant::mesh::TriangleMesh;
@@ -201,7 +201,6 @@ fn summary(
     let volume = made.closed.mesh.volume().abs();
     let off = |area: &Area| max_or_nan(area.distances.iter().copied());
     let courses = made.courses();
-    let tilts = courses.iter().filter_map(|course| end_tilts(course));
     let middle = |numbers: Vec<f64>| median(numbers).unwrap_or(f64::NAN);
     let lengths = each.iter().map(|e| e.length_m);
     Summary {
@@ -212,7 +211,7 @@ fn summary(
         volume_m3: volume,
         cross_section_m2: volume / quality.length_mean_m,
         aponeurosis: arguments.aponeurosis.clone(),
-        tilt_at_ends_deg_median: middle(tilts.flatten().collect()).to_degrees(),
+        tilt_at_ends_deg_median: median_tilt(&courses).to_degrees(),
         turns_back: courses.iter().filter(|course| turns_back(course)).count(),
         length_median_m: middle(lengths.clone().collect()),
         optimal_length_ratio: given

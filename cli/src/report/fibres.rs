@@ -12,7 +12,7 @@ use super::Table;
 use super::output::{DataFile, OutputFile, RunOutput, Verdict, measures};
 use crate::draft::names;
 use pliant::fibres::quality::Quality;
-use pliant::fibres::{Area, Attachment, FibreMeasures, Tendon};
+use pliant::fibres::{Area, Attachment, FibreMeasures, HOOK_DEG, Tendon};
 use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
@@ -119,8 +119,6 @@ pub struct Bundle<'a> {
 
 /// Greatest mean pennation [degrees]: dissections find at most half of it in human muscles.
 const PENNATION: f64 = 60.0;
-/// Greatest median turn of fibres at their ends [degrees].
-const HOOK: f64 = 30.0;
 /// Greatest length of a fibre, relative to the distance of its ends: half a circle has 1.57.
 const WINDING: f64 = 2.0;
 
@@ -151,7 +149,7 @@ impl<'a> Bundle<'a> {
             let verdict = Verdict::at_most(name, pennation, PENNATION);
             all.push(verdict.in_unit("degrees").else_do(cure));
             let name = "hooks at the ends of fibres: median turn of the last 0.5 %";
-            let verdict = Verdict::at_most(name, self.summary.tilt_at_ends_deg_median, HOOK);
+            let verdict = Verdict::at_most(name, self.summary.tilt_at_ends_deg_median, HOOK_DEG);
             all.push(verdict.in_unit("degrees"));
         }
         if !q.jacobian_min.is_nan() {

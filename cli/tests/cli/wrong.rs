@@ -603,9 +603,9 @@ fn a_moment_arm_that_leaves_straight_lines_is_red() {
         "--joint",
         "knee",
         "--from",
-        "0deg",
+        "-30deg",
         "--to",
-        "60deg",
+        "30deg",
     ];
     let out = scratch.join("out");
     let how = [
@@ -618,7 +618,8 @@ fn a_moment_arm_that_leaves_straight_lines_is_red() {
         shown(&out),
     ];
     let done = run(&[&sweep[..], &how].concat());
-    // The biceps shortens and should leave the femur; the spread rotation bends it along the bone.
+    // In flexion the biceps shortens and should leave the femur; the spread rotation bends it along the bone. In extension
+    // the femur blocks few straight lines of the vastus: in flexion so many that there is nothing to compare with.
     assert_eq!(done.status.code(), Some(1), "{}", text(&done.stderr));
     let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
     let of = |muscle: &str| {

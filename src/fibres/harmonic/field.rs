@@ -40,8 +40,8 @@ pub struct Field {
     pub values: Vec<f64>,
     /// For each place of the box, true if the cube is near the origin; the same for the insertion.
     pub by_area: [Vec<bool>; 2],
-    /// Greatest tangent of the angle between a streamline and the shortest line to its area, where
-    /// it goes straight.
+    /// Greatest tangent of the angle between a streamline and the shortest line to its area, beside the area; with 0 it
+    /// goes straight to the closest point.
     pub flat: f64,
     /// Gradients of the values; with lines on the surface, unit vectors along the interpolated
     /// directions.
@@ -88,21 +88,6 @@ pub enum Flux {
     Crowded(f64),
 }
 
-/// Greatest tangent where streamlines that run along their area end in a turn of 18 degrees at
-/// most, and where they turn towards it, as those that the flux crowds must do to cover the layer
-/// along a wide area.
-const FLAT: f64 = 3.0;
-const STEEP: f64 = 0.0;
-
-impl Flux {
-    fn flat(self) -> f64 {
-        match self {
-            Self::Crowded(more) if more > 0.0 => STEEP,
-            _ => FLAT,
-        }
-    }
-}
-
 /// Error of [`Field::new`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FieldError {
@@ -115,7 +100,7 @@ pub enum FieldError {
 impl Field {
     /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest
     /// of the surface. With `lines` on the surface [m], streamlines follow their directions,
-    /// interpolated to the inside ([`super::spread`]).
+    /// interpolated to the inside ([`super::spread`]). `flux` is through both areas, and [`Field::flat`] is `flat`.
     ///
     /// # Errors
     /// The areas are not connected inside, or too little memory.
@@ -125,7 +110,7 @@ impl Field {
         muscle: &TriangleMesh,
         attachment: &Attachment,
         lines: &[Vec<Point3<f64>>],
-        flux: Flux,
+        (flux, flat): (Flux, f64),
     ) -> Result<Self, FieldError> {
         let ends = [&attachment.origin, &attachment.insertion];
         let contacts = contacts(&cells, muscle, attachment, flux);
@@ -166,7 +151,7 @@ impl Field {
             gradients: Vec::new(),
             nodes: Vec::new(),
             by_area,
-            flat: flux.flat(),
+            flat,
             cells,
             values,
         };

@@ -21,7 +21,7 @@ pub fn along(tracer: &Tracer<'_>, streamline: &HalfStreamline, sign: f64) -> Vec
 pub fn keeps_order(tracer: &Tracer<'_>, streamline: &HalfStreamline, sign: f64) -> bool {
     let map = onward(tracer, streamline, sign);
     let mut area = 1.0;
-    (0..streamline.flows.len()).all(|k| {
+    (0..streamline.advances.len()).all(|k| {
         area *= factor(streamline, k, SIZE * tracer.field.cells.side, &map);
         area > 0.0
     })
@@ -33,12 +33,7 @@ fn onward<'a>(
     streamline: &'a HalfStreamline,
     sign: f64,
 ) -> impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>> + 'a {
-    let last = streamline.flows.len().saturating_sub(1);
-    move |k, q| match (streamline.flows[k], k == last) {
-        (true, _) => tracer.step(q, sign),
-        (_, true) => tracer.landing(q, sign),
-        _ => None,
-    }
+    move |k, q| tracer.follow(q, sign, streamline.advances[k])
 }
 
 /// The areas. `map` takes points beside one point of the streamline to points beside the next
@@ -50,7 +45,7 @@ pub fn areas(
     map: impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>,
 ) -> Vec<f64> {
     let mut areas = vec![1.0];
-    for k in 0..streamline.flows.len() {
+    for k in 0..streamline.advances.len() {
         areas.push(areas[k] * factor(streamline, k, size, &map));
     }
     areas
@@ -88,6 +83,7 @@ fn across(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::trace::Advance;
     use super::*;
 
     fn straight() -> HalfStreamline {
@@ -96,7 +92,7 @@ mod tests {
             .collect();
         HalfStreamline {
             points,
-            flows: vec![true; 5],
+            advances: vec![Advance::Flow; 5],
         }
     }
 

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::cells::{Cells, NONE};
 use super::field::Field;
 use super::trace::{HalfStreamline, Tracer};
-use super::{DecompositionError, through, whole};
+use super::{DecompositionError, Order, through, whole};
 use crate::fibres::polyline::length;
 use crate::progress::Progress;
 
@@ -24,7 +24,7 @@ const MAX_WITHOUT_GAIN: usize = 3;
 /// The octants that represent a cell: those at the corners of a tetrahedron.
 const SAMPLED: u8 = 0b0110_1001;
 
-/// Exchanges fibres of `points` points while this increases the covered volume, unless the
+/// Exchanges fibres of `points` points for others of an `order` while this increases the covered volume, unless the
 /// uncovered share exceeds `max_uncovered`. Returns the uncovered share that remains.
 ///
 /// # Errors
@@ -34,7 +34,7 @@ pub fn reseed(
     streamlines: &mut [[HalfStreamline; 2]],
     points: usize,
     volume: f64,
-    max_uncovered: f64,
+    (max_uncovered, order): (f64, Order),
     progress: &dyn Progress,
 ) -> Result<f64, DecompositionError> {
     let cells = &tracer.field.cells;
@@ -71,7 +71,7 @@ pub fn reseed(
         }
         tries += seeds.len();
         let follow = |&cell: &u32| {
-            let streamline = through(tracer, &cells.inner[cell as usize]?, false).ok()?;
+            let streamline = through(tracer, &cells.inner[cell as usize]?, order).ok()?;
             let near = near(cells, &whole(&streamline, points), radius);
             Some((streamline, near))
         };

@@ -229,7 +229,7 @@ pub(super) mod tests {
         let closed = Closed::new(&mesh);
         let solid = closed.solid();
         let cells = Cells::new(&solid, 0.005);
-        Field::new(cells, &solid, &mesh, &areas, &[], Flux::Even).expect("a field")
+        Field::new(cells, &solid, &mesh, &areas, &[], (Flux::Even, 0.0)).expect("a field")
     }
 
     /// All cells in one list, without blocks.
