@@ -106,11 +106,12 @@ fn three_meshes_become_a_scene_that_runs() {
         errors.contains("hip.toml is there already") && errors.contains("--force"),
         "{errors}"
     );
-    let (code, _, errors) = init(
+    let (code, said, errors) = init(
         &scratch,
         &["scans", "--force", "--no-trial", "--joint", "none"],
     );
     assert_eq!(code, Some(0), "{errors}");
+    assert!((said + &errors).contains("no bone moves"), "{errors}");
     let rests = fs::read_to_string(scratch.join("meshes.toml")).expect("a scene");
     assert!(!rests.contains("[bone.motion]") && !rests.contains("[effects.tone]"));
     // A patch of the draft that is replaced goes with it; control: another file beside it stays.
@@ -124,8 +125,9 @@ fn three_meshes_become_a_scene_that_runs() {
     let named = [of_draft, own[1]].map(|name| format!("# patch = \"hip.meshes/{name}\"\n"));
     fs::write(scratch.join("hip.toml"), scene + &named.concat()).expect("written");
     let again = ["scans", "--force", "--no-trial", "--joint", "hip"];
-    let (code, _, errors) = init(&scratch, &again);
+    let (code, said, errors) = init(&scratch, &again);
     assert_eq!(code, Some(0), "{errors}");
+    assert!(!(said + &errors).contains("no bone moves"), "control");
     assert!(!parts.join(of_draft).exists());
     assert!(own.iter().all(|name| parts.join(name).exists()));
     // Another scene than a draft owns no files.
