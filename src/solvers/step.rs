@@ -250,13 +250,13 @@ impl System {
         self.start_velocity.clone_from(&self.particles.velocity);
     }
 
-    /// Takes the step back.
     /// Greatest way of a particle in the present step [m].
     pub(crate) fn longest_way(&self) -> f64 {
         let ways = self.particles.position.iter().zip(&self.start);
         max_or_nan(ways.map(|(x, start)| (x - start).norm_squared())).sqrt()
     }
 
+    /// Takes the step back.
     pub(crate) fn back_to_start(&mut self) {
         self.parts.back();
         self.particles.position.clone_from(&self.start);
