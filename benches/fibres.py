@@ -9,18 +9,15 @@ one, otherwise all of the muscle near a bone, or its upper or lower end where th
 ratio to the optimal length of the table; cross-sections are in cm2. Needs the release build of `pliant`. Standard library only.
 """
 
-import argparse
 import json
 import math
-import os
 import pathlib
 import subprocess
 import sys
 import tempfile
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
-PROGRAM = ROOT / "target" / "release" / "pliant"
-DATA = pathlib.Path(os.environ.get("PLIANT_DATA", ROOT.parent / "shared" / "data"))
+from measured_data import DATA, PROGRAM, is_named, is_ready, parser
+
 RAJAGOPAL = "rajagopal2016_muscle_architecture.csv"
 GAIT = "gait2392_muscle_architecture.csv"
 # Muscle: areas of origin and insertion, and the rows of the table. An area is a patch (file and component), a bone with a distance in mm,
@@ -86,20 +83,15 @@ def cells(summary):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("names", nargs="*")
-    options = parser.parse_args()
-    if not DATA.is_dir():
-        print(f"skipped: no data in {DATA}")
+    options = parser(__doc__).parse_args()
+    if not is_ready():
         return
-    if not PROGRAM.is_file():
-        sys.exit("build it first: cargo build --release -p pliant-cli")
     print("| muscle | without | coverage, tilt, red | `auto` | coverage, tilt, red | pennation | cross-section |")
     print("|---" * 7 + "|")
     near = 0
     with tempfile.TemporaryDirectory() as folder:
         for name, (origin, insertion, *table) in MUSCLES.items():
-            if options.names and not any(n.lower() in name.lower() for n in options.names):
+            if not is_named(name, options.names):
                 continue
             muscle = DATA / "body" / "muscles" / f"{name}.r.obj"
             both = [cells(run(pathlib.Path(folder), muscle, (origin, insertion), table, plates))

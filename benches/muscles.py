@@ -14,20 +14,17 @@ lack a bone, the end of the muscle that it would hold is held by a stand-in bone
 the joint. Needs the release build of `pliant`. Standard library only.
 """
 
-import argparse
 import csv
 import json
 import math
-import os
 import pathlib
 import statistics
 import subprocess
-import sys
 import tempfile
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
-PROGRAM = ROOT / "target" / "release" / "pliant"
-DATA = pathlib.Path(os.environ.get("PLIANT_DATA", ROOT.parent / "shared" / "data")) / "body"
+from measured_data import DATA, PROGRAM, is_named, is_ready, parser
+
+BODY = DATA / "body"
 
 # Joint: bone and end (the least or the greatest height) whose middle is the centre; sign of the turn about x; bones that move.
 JOINTS = {
@@ -125,7 +122,7 @@ def even_edge(vertices, triangles):
 
 def bone_file(bone):
     name = f"{bone}.obj" if bone == "Sacrum" else f"{bone}.r.obj"
-    return DATA / "bones" / name
+    return BODY / "bones" / name
 
 
 def mesh(path):
@@ -246,19 +243,15 @@ def run(folder, name, path, kind, edge):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--keep", type=pathlib.Path)
-    parser.add_argument("--given", action="store_true")
-    options = parser.parse_args()
-    if not DATA.is_dir():
-        print(f"skipped: no data in {DATA}")
+    arguments = parser(__doc__)
+    arguments.add_argument("--keep", type=pathlib.Path)
+    arguments.add_argument("--given", action="store_true")
+    options = arguments.parse_args()
+    if not is_ready():
         return
-    if not PROGRAM.is_file():
-        sys.exit("build it first: cargo build --release -p pliant-cli")
-    meshes = [(name, DATA / "muscles" / f"{name}.r.obj", kind) for name, kind in MUSCLES.items()]
-    meshes += [(f"fine {name}", DATA / "muscles-fine" / f"{name}.obj", kind) for name, kind in FINE.items()]
-    wanted = [m for m in meshes if not options.names or any(n.lower() in m[0].lower() for n in options.names)]
+    meshes = [(name, BODY / "muscles" / f"{name}.r.obj", kind) for name, kind in MUSCLES.items()]
+    meshes += [(f"fine {name}", BODY / "muscles-fine" / f"{name}.obj", kind) for name, kind in FINE.items()]
+    wanted = [m for m in meshes if is_named(m[0], options.names)]
     print("| mesh | joint | stand-in end | edges | vertices | frames | crossings | strain | snap | contact | slowest frame | time | fails |")
     print("|---" * 13 + "|")
     with tempfile.TemporaryDirectory() as temporary:

@@ -33,13 +33,14 @@ use trace::Tracer;
 /// Number of cells in the volume of the muscle: the least number, and the number per vertex.
 const CELLS: f64 = 2_000.0;
 const CELLS_PER_VERTEX: f64 = 0.4;
-/// The next of [`TRIALS`] follows if a larger share of the volume stays uncovered, or if fibres turn back, are
-/// out of order or end in hooks.
+/// The next of [`TRIALS`] follows if a larger share of the volume stays uncovered, or if fibres turn back,
+/// are out of order or end in hooks.
 const BARE: f64 = 0.02;
-/// Cell count as a multiple of the least number, flux, and the greatest tangent of the angle between a streamline
-/// and the shortest line to its area, beside it. The flux is first even over each area,
-/// the known property of attachments. If much of the volume stays uncovered, cells become finer, then the flux
-/// denser far from the other area, then cells finer again. Fibres of the last trial turn towards their area.
+/// Cell count as a multiple of the least number, flux, and the greatest tangent of the angle between a
+/// streamline and the shortest line to its area, beside it. The flux is first even over each area,
+/// the known property of attachments. If much of the volume stays uncovered, cells become finer, then
+/// the flux denser far from the other area, then cells finer again. Fibres of the last trial turn towards
+/// their area.
 const TRIALS: [(f64, Flux, f64); 6] = [
     (1.0, Flux::Even, FLAT),
     (2.0, Flux::Even, FLAT),
@@ -48,7 +49,8 @@ const TRIALS: [(f64, Flux, f64); 6] = [
     (4.0, Flux::Crowded(8.0), FLAT),
     (2.0, Flux::Crowded(8.0), STEEP),
 ];
-/// Streamlines that run along their area end in a turn of 14 degrees at most, or go straight to the closest point.
+/// Streamlines that run along their area end in a turn of 14 degrees at most, or go straight to the closest
+/// point.
 const FLAT: f64 = 4.0;
 const STEEP: f64 = 0.0;
 /// Gain of covered volume for which fibres may end in hooks or turn back.
@@ -58,8 +60,7 @@ const MAX_UNCOVERED: f64 = 0.12;
 /// Greatest number of failed seeds per fibre.
 const TRIES: usize = 4;
 /// A trial stops and leaves the fibres to the next one if fewer than one seed in this number
-/// succeeds. It first tries at least [`SOONEST`] seeds and one seed per fibre. The last trial then takes streamlines
-/// of any order.
+/// succeeds. It first tries at least [`SOONEST`] seeds and one seed per fibre. The last trial does not stop.
 const LOST: usize = 5;
 const SOONEST: usize = 50;
 
@@ -320,8 +321,8 @@ impl Trial {
         self.order == Order::Forwards && !self.has_hooks && self.bare <= BARE
     }
 
-    /// True if its fibres keep their order and those of an earlier trial do not, or it leaves less bare. Hooks and
-    /// fibres that turn back count as [`UNSOUND`].
+    /// True if its fibres keep their order and those of an earlier trial do not, or it leaves less bare.
+    /// Hooks and fibres that turn back count as [`UNSOUND`].
     fn is_better(&self, before: &Self) -> bool {
         let lacks = |trial: &Self| {
             let is_sound = trial.order == Order::Forwards && !trial.has_hooks;
@@ -387,8 +388,8 @@ enum Rejected {
     TurnsBack,
 }
 
-/// Fibres through points that are far from one another, with the order that all of them have. Those that turn back
-/// are taken only if there are too few others. The `last` trial also takes those of reversed order.
+/// Fibres through points that are far from one another, with the order that all of them have. Those that
+/// turn back are taken only if there are too few others. The `last` trial also takes those of reversed order.
 fn streamlines(
     tracer: &Tracer<'_>,
     count: usize,
@@ -400,8 +401,8 @@ fn streamlines(
     for order in [Order::Forwards, Order::Kept, Order::Any] {
         match order {
             Order::Forwards => {}
-            // Seeds between fibres that do not turn back would leave much bare.
-            Order::Kept if has_turned => streamlines.clear(),
+            // Seeds between fibres that do not turn back would leave much bare. The last trial has not tried all seeds.
+            Order::Kept if has_turned || last => streamlines.clear(),
             Order::Any if last => {}
             _ => continue,
         }

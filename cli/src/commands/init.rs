@@ -579,8 +579,8 @@ fn in_words(draft: &Draft, path: &Path) -> String {
 }
 
 /// What is said of a draft without a joint.
-const STILL: &str = "no joint: no bone moves, and the checks say nothing about a motion. With two bones of a joint `--joint NAME` makes \
-                     one; `[bone.motion]` in the scene moves a bone";
+const STILL: &str = "no joint: no bone moves, and the checks say nothing about a motion. With two bones of a joint \
+                     `--joint NAME` makes one; `[bone.motion]` in the scene moves a bone";
 
 /// Runs the first frames of the scene.
 pub(super) fn trial(arguments: &Arguments, path: &Path) -> Result<u8, Failure> {

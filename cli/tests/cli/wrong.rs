@@ -618,8 +618,9 @@ fn a_moment_arm_that_leaves_straight_lines_is_red() {
         shown(&out),
     ];
     let done = run(&[&sweep[..], &how].concat());
-    // In flexion the biceps shortens and should leave the femur; the spread rotation bends it along the bone. In extension
-    // the femur blocks few straight lines of the vastus: in flexion so many that there is nothing to compare with.
+    // In flexion the biceps shortens and should leave the femur; the spread rotation bends it along the
+    // bone. In flexion the femur blocks straight lines of the vastus, and it has no such check. In
+    // extension it has one.
     assert_eq!(done.status.code(), Some(1), "{}", text(&done.stderr));
     let summary: Value = serde_json::from_slice(&done.stdout).unwrap();
     let of = |muscle: &str| {

@@ -40,8 +40,8 @@ pub struct Field {
     pub values: Vec<f64>,
     /// For each place of the box, true if the cube is near the origin; the same for the insertion.
     pub by_area: [Vec<bool>; 2],
-    /// Greatest tangent of the angle between a streamline and the shortest line to its area, beside the area; with 0 it
-    /// goes straight to the closest point.
+    /// Greatest tangent of the angle between a streamline and the shortest line to its area, beside the
+    /// area; with 0 it goes straight to the closest point.
     pub flat: f64,
     /// Gradients of the values; with lines on the surface, unit vectors along the interpolated
     /// directions.
@@ -100,7 +100,8 @@ pub enum FieldError {
 impl Field {
     /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest
     /// of the surface. With `lines` on the surface [m], streamlines follow their directions,
-    /// interpolated to the inside ([`super::spread`]). `flux` is through both areas, and [`Field::flat`] is `flat`.
+    /// interpolated to the inside ([`super::directions`]). `flux` is through both areas, and [`Field::flat`]
+    /// is `flat`.
     ///
     /// # Errors
     /// The areas are not connected inside, or too little memory.

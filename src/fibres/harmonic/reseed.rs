@@ -24,8 +24,8 @@ const MAX_WITHOUT_GAIN: usize = 3;
 /// The octants that represent a cell: those at the corners of a tetrahedron.
 const SAMPLED: u8 = 0b0110_1001;
 
-/// Exchanges fibres of `points` points for others of an `order` while this increases the covered volume, unless the
-/// uncovered share exceeds `max_uncovered`. Returns the uncovered share that remains.
+/// Exchanges fibres of `points` points for others of an `order` while this increases the covered volume,
+/// unless the uncovered share exceeds `max_uncovered`. Returns the uncovered share that remains.
 ///
 /// # Errors
 /// The caller stopped the exchange.
