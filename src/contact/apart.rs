@@ -2,6 +2,7 @@
 //! begins.
 
 mod crossing;
+mod even;
 mod overlap;
 mod push;
 mod settle;
@@ -273,6 +274,16 @@ impl Scene {
 
     /// Parts all pairs. Returns those that still cross.
     fn part(&mut self, attempt: &Attempt) -> Vec<Inseparable> {
+        let left = self.push_apart(attempt);
+        if left.is_empty() {
+            self.settle_back();
+            self.even_out();
+        }
+        left
+    }
+
+    /// Pushes all pairs apart. Returns those that still cross.
+    fn push_apart(&mut self, attempt: &Attempt) -> Vec<Inseparable> {
         self.widened = attempt.widened;
         let mut seen = self.look(true);
         for round in 0..attempt.rounds {
@@ -287,11 +298,7 @@ impl Scene {
         }
         self.widened = 0.0;
         seen = self.push_out(attempt.shrinks);
-        let left = self.left(&seen);
-        if left.is_empty() {
-            self.settle_back();
-        }
-        left
+        self.left(&seen)
     }
 
     /// Rounds in which only pushes and volumes act, until nothing overlaps or nothing helps.

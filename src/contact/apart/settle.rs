@@ -28,7 +28,7 @@ impl Scene {
                 solid.go_back(*share);
                 solid.refit();
             }
-            let Err(failed) = self.part_again() else {
+            let Err(failed) = self.part_again(ROUNDS) else {
                 continue;
             };
             for (solid, before) in self.all.iter_mut().zip(before) {
@@ -46,11 +46,11 @@ impl Scene {
 
     /// Pushes overlap of a small motion out again. The error is true for the muscles that still
     /// overlap or are unsound.
-    fn part_again(&mut self) -> Result<(), Vec<bool>> {
+    pub(super) fn part_again(&mut self, most: usize) -> Result<(), Vec<bool>> {
         let mut seen = self.look(false);
         let mut rounds = 0;
         while !(seen.is_clear() && self.is_sound()) {
-            if rounds == ROUNDS {
+            if rounds == most {
                 return Err(self.failed(&seen));
             }
             rounds += 1;

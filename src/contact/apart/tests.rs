@@ -59,3 +59,44 @@ fn a_push_knows_how_deep_its_point_is() {
     }
     assert!(count > 10 && most <= -0.8 * deep, "{count} {most}");
 }
+
+/// A muscle and a bone with a gap of 1 mm; the bone is a small ball that looks out of the muscle.
+fn of_a_ball_in_a_muscle() -> Scene {
+    let muscle = icosphere(0.05, 4);
+    let mut ball = icosphere(0.006, 3);
+    ball.vertices.iter_mut().for_each(|v| v.x += 0.049);
+    let surfaces = [&muscle, &ball].map(Surface::new);
+    let soft = SoftBody {
+        name: "muscle",
+        mesh: &muscle,
+        surface: &surfaces[0],
+        held: Vec::new(),
+        fixed: false,
+    };
+    let rigid = RigidBody {
+        name: "bone",
+        surface: &surfaces[1],
+        pose: Isometry3::identity(),
+    };
+    let gaps = Gaps {
+        to_bones: 1e-3,
+        between: 1e-4,
+    };
+    Scene::new(&[soft], &[rigid], gaps)
+}
+
+#[test]
+fn parted_muscles_have_fewer_slivers_and_kinks_after_they_are_evened_out() {
+    let mut scene = of_a_ball_in_a_muscle();
+    assert!(scene.push_apart(&ATTEMPTS[0]).is_empty());
+    scene.settle_back();
+    let before = scene.unevenness();
+    assert!(before > 1.0, "control: pushes leave some: {before}");
+    let rms = scene.all[0].moved().rms;
+    scene.even_out();
+    assert!(scene.look(false).is_clear() && scene.is_sound());
+    let after = scene.unevenness();
+    assert!(after <= 0.2 * before, "{after} of {before}");
+    let moved = scene.all[0].moved().rms;
+    assert!(moved <= 1.5 * rms, "{moved} {rms}");
+}
