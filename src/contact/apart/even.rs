@@ -7,7 +7,7 @@ use nalgebra::Point3;
 use super::Scene;
 use super::solid::Solid;
 use crate::constraints::bending::dihedral;
-use crate::mesh::measures::smallest_angle;
+use crate::mesh::measures::{max_or_nan, smallest_angle};
 
 /// Sweeps over displacements in the first trials. Each is followed by pushes, so that what they move is even as well.
 const SWEEPS: usize = 8;
@@ -17,6 +17,8 @@ const MOST: usize = 24;
 const ROUNDS: usize = 40;
 /// A trial is better if it leaves at most this share.
 const BETTER: f64 = 0.95;
+/// Greatest motion of a muscle from its shape as read, relative to that before: another shape is worse than a sliver.
+const FARTHER: f64 = 1.1;
 /// A triangle is a sliver whose sharpest angle is less than this share of it as read.
 const SLIVER: f64 = 0.5;
 /// An edge is a kink whose triangles turned more than this against each other [rad].
@@ -26,6 +28,7 @@ impl Scene {
     /// Smooths the displacements of parted muscles around slivers and kinks, as far as the muscles stay parted.
     pub(super) fn even_out(&mut self) {
         let (mut left, mut sweeps) = (self.unevenness(), SWEEPS);
+        let farthest = self.farthest();
         for _ in 0..MOST {
             if left == 0.0 || sweeps == 0 {
                 break;
@@ -49,8 +52,9 @@ impl Scene {
                 self.push(&seen, round);
             }
             let is_parted = self.part_again(ROUNDS).is_ok();
+            let is_near = self.farthest() <= FARTHER * farthest;
             let now = self.unevenness();
-            if is_parted && now <= BETTER * left {
+            if is_parted && is_near && now <= BETTER * left {
                 left = now;
                 continue;
             }
@@ -60,6 +64,11 @@ impl Scene {
                 solid.refit();
             }
         }
+    }
+
+    /// The greatest motion of a muscle from its shape as read, RMS [m].
+    fn farthest(&self) -> f64 {
+        max_or_nan(self.all[..self.soft].iter().map(|s| s.moved().rms))
     }
 
     /// Sum over all muscles of how far slivers and kinks are beyond their limits, without unit.
