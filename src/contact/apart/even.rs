@@ -1,6 +1,6 @@
 //! Parted muscles lose the slivers and kinks that pushes leave.
 
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 use nalgebra::Point3;
 
@@ -18,7 +18,7 @@ const ROUNDS: usize = 40;
 /// A trial is better if it leaves at most this share.
 const BETTER: f64 = 0.95;
 /// Greatest motion of a muscle from its shape as read, relative to that before: another shape is worse than a sliver.
-const FARTHER: f64 = 1.1;
+pub(super) const FARTHER: f64 = 1.1;
 /// A triangle is a sliver whose sharpest angle is less than this share of it as read.
 const SLIVER: f64 = 0.5;
 /// An edge is a kink whose triangles turned more than this against each other [rad].
@@ -93,7 +93,9 @@ impl Solid {
         }
         for hinge in &self.topology.hinges {
             let angle = |x: &[Point3<f64>]| dihedral(&hinge.map(|v| x[v as usize]));
-            let turned = (angle(self.x()) - angle(&self.start)).abs();
+            let apart = (angle(self.x()) - angle(&self.start)).abs();
+            // At a sharp rim the angle is near a half turn and can change its sign.
+            let turned = apart.min(TAU - apart);
             if turned > KINK {
                 sum += turned / KINK - 1.0;
                 hinge.iter().for_each(|&v| at[v as usize] = true);
