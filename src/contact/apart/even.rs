@@ -9,7 +9,7 @@ use super::solid::Solid;
 use crate::constraints::bending::dihedral;
 use crate::mesh::measures::{max_or_nan, smallest_angle};
 
-/// Sweeps over displacements in the first trials. Each is followed by pushes, so that what they move is even as well.
+/// Sweeps over displacements in the first trials, each followed by pushes: what pushes move is smoothed in the next sweep.
 const SWEEPS: usize = 8;
 /// Greatest number of trials.
 const MOST: usize = 24;
@@ -17,7 +17,8 @@ const MOST: usize = 24;
 const ROUNDS: usize = 40;
 /// A trial is better if it leaves at most this share.
 const BETTER: f64 = 0.95;
-/// Greatest motion of a muscle from its shape as read, relative to that before: another shape is worse than a sliver.
+/// Greatest RMS motion of all muscles from their shapes as read, relative to that before: another shape is worse than
+/// a sliver. A muscle that moved less may move more.
 pub(super) const FARTHER: f64 = 1.1;
 /// A triangle is a sliver whose sharpest angle is less than this share of it as read.
 const SLIVER: f64 = 0.5;
