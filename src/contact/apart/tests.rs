@@ -90,12 +90,12 @@ fn parted_muscles_have_fewer_slivers_and_kinks_after_they_are_evened_out() {
     let mut scene = of_a_ball_in_a_muscle();
     assert!(scene.push_apart(&ATTEMPTS[0]).is_empty());
     scene.settle_back();
-    let before = scene.unevenness();
+    let before = scene.unevenness()[0];
     assert!(before > 1.0, "control: pushes leave some: {before}");
     let rms = scene.all[0].moved().rms;
     scene.even_out();
     assert!(scene.look(false).is_clear() && scene.is_sound());
-    let after = scene.unevenness();
+    let after = scene.unevenness()[0];
     assert!(after <= 0.2 * before, "{after} of {before}");
     let moved = scene.all[0].moved().rms;
     assert!(moved <= even::FARTHER * rms, "{moved} {rms}");
