@@ -10,8 +10,8 @@ use super::solid::Solid;
 use crate::constraints::bending::dihedral;
 use crate::mesh::measures::{max_or_nan, smallest_angle};
 
-/// Sweeps over the displacements of a muscle in the first trial, each followed by pushes: the next sweep smooths what
-/// these push.
+/// Sweeps over the displacements of a muscle in the first trial. Pushes follow each; the next sweep smooths
+/// what they push.
 const SWEEPS: usize = 8;
 /// Greatest number of trials.
 const MOST: usize = 24;
@@ -19,8 +19,8 @@ const MOST: usize = 24;
 const ROUNDS: usize = 40;
 /// A trial is better if it leaves at most this share.
 const BETTER: f64 = 0.95;
-/// Greatest RMS motion of a muscle from its shape as read, relative to that before: another shape is worse than a
-/// sliver.
+/// Greatest RMS motion of a muscle from its shape as read, relative to that before: another shape is worse
+/// than a sliver.
 pub(super) const FARTHER: f64 = 1.1;
 /// The same, relative to its median edge, for a muscle that hardly moved before.
 const NEARBY: f64 = 0.1;
@@ -90,8 +90,8 @@ impl Scene {
         }
     }
 
-    /// Of each muscle: the sum of how far slivers and kinks are beyond their limits, without unit. 0 for one that does
-    /// not move.
+    /// Of each muscle: the sum of how far slivers and kinks are beyond their limits, without unit. 0 for one
+    /// that does not move.
     pub(super) fn unevenness(&self) -> Vec<f64> {
         let muscles = self.all.iter().zip(&self.active).take(self.soft);
         let of = |(solid, active): (&Solid, &bool)| if *active { solid.uneven().1 } else { 0.0 };
